@@ -1,0 +1,38 @@
+# Everything sets itself up: python3 (3.11 or newer), make and a package index are all that is needed.
+PY := .venv/bin/python
+STAMP := .venv/.installed
+
+.PHONY: demo test check lint types contract requirements clean
+
+demo: $(STAMP)
+	$(PY) -m daemon.cli demo $(DEMO_ARGS)
+
+test: $(STAMP)
+	$(PY) -m pytest -q
+
+lint: $(STAMP)
+	.venv/bin/ruff check .
+	.venv/bin/ruff format --check .
+
+types: $(STAMP)
+	.venv/bin/mypy
+
+contract: $(STAMP)
+	.venv/bin/lint-imports
+
+check: lint types contract test
+
+$(STAMP): requirements/dev.txt pyproject.toml
+	test -x $(PY) || python3 -m venv .venv
+	$(PY) -m pip install -q --disable-pip-version-check --require-hashes -r requirements/dev.txt
+	$(PY) -m pip install -q --disable-pip-version-check --no-deps --no-build-isolation -e .
+	touch $@
+
+# Run after changing the dependencies in pyproject.toml; commit the result.
+UV_COMPILE := .venv/bin/uv pip compile -q --generate-hashes --python-version 3.11 --no-emit-index-url --no-annotate --no-header pyproject.toml
+requirements: $(STAMP)
+	$(UV_COMPILE) -o requirements/station.txt
+	$(UV_COMPILE) --extra sim --extra dev -o requirements/dev.txt
+
+clean:
+	rm -rf .venv out

@@ -1,0 +1,5 @@
+"""The command line: `reprobe`."""
+
+from daemon.cli.app import main
+
+__all__ = ["main"]

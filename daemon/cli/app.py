@@ -1,0 +1,22 @@
+"""Put the commands together."""
+
+from __future__ import annotations
+
+import typer
+
+from daemon.cli import boards, demo, serve, tester
+
+app = typer.Typer(
+    name="reprobe",
+    help="Station daemon that makes a missed probe touch land.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+for commands in (serve.app, tester.app, boards.app, demo.app):
+    app.registered_commands += commands.registered_commands
+
+
+def main() -> None:
+    """Run the command line."""
+    app()

@@ -1,0 +1,82 @@
+"""Commands that start something: the daemon, the simulated station; and the check of a configuration."""
+
+from __future__ import annotations
+
+import asyncio
+import importlib.util
+import os
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from daemon.board import Board
+from daemon.cli.output import USAGE, AsJson, fail, out, say_json
+from daemon.config import Config, ConfigError, load_config
+from daemon.faults import Fault
+from daemon.logs import set_up
+from daemon.service import Service
+
+app = typer.Typer()
+ConfigFile = Annotated[Path, typer.Option("--config", "-c", help="The station's TOML file.")]
+
+
+@app.command()
+def run(config: ConfigFile, as_json: Annotated[bool, typer.Option("--json", help="Log JSON lines.")] = False) -> None:
+    """Run the daemon until SIGTERM or Ctrl-C."""
+    loaded = _load(config)
+    set_up(as_json=as_json)
+    try:
+        asyncio.run(Service(loaded).run())
+    except (Fault, ValueError) as exc:
+        fail(str(exc), advice=exc.advice if isinstance(exc, Fault) else "")
+    except OSError as exc:
+        fail(f"cannot start: {exc}", advice="is another daemon running on these sockets?")
+
+
+@app.command(
+    context_settings={"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []},
+    help="Run the simulated station; all arguments are its own (see reprobe sim --help).",
+)
+def sim(context: typer.Context) -> None:
+    """Become the simulated station: a process of its own that is reached by its wires only."""
+    if importlib.util.find_spec("gerbonara") is None:
+        fail("the simulated station is not installed", advice="pip install 'reprobe[sim]'", code=USAGE)
+    os.execv(sys.executable, [sys.executable, "-m", "sim_hw", *context.args])  # noqa: S606  # no shell is wanted
+
+
+@app.command("check-config")
+def check_config(
+    config: Annotated[Path, typer.Argument(help="The station's TOML file.")], as_json: AsJson = False
+) -> None:
+    """Check a configuration and the board file it names; print every problem with its path."""
+    try:
+        loaded = load_config(config)
+        problems = _board_problems(loaded)
+    except ConfigError as exc:
+        problems = exc.problems
+    if as_json:
+        say_json({"ok": not problems, "problems": [{"path": path, "problem": what} for path, what in problems]})
+    elif problems:
+        for path, what in problems:
+            out.print(f"[bold]{path}[/]: {what}", highlight=False, soft_wrap=True)
+    else:
+        out.print(f"{config}: good")
+    if problems:
+        raise typer.Exit(USAGE)
+
+
+def _load(path: Path) -> Config:
+    try:
+        return load_config(path)
+    except ConfigError as exc:
+        fail(str(exc), advice=f"correct it, then try `reprobe check-config {path}`", code=USAGE)
+
+
+def _board_problems(config: Config) -> list[tuple[str, str]]:
+    try:
+        Board.load(config.board.file)
+    except ValueError as exc:
+        return [("board.file", str(exc))]
+    return []

@@ -1,0 +1,185 @@
+"""Commands of a tester and of whoever sets the station up: they speak to a running daemon."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+import typer
+from rich.table import Table
+
+from daemon.cli.output import DEFAULT_ENDPOINT, AsJson, Endpoint, answered, err, fail, out, say_json
+from daemon.client import Client, listen
+from daemon.messages import JobResult
+
+app = typer.Typer()
+JobIdOption = Annotated[str | None, typer.Option("--id", help="Idempotency key; a new one by default.")]
+Theta = Annotated[float, typer.Option(help="Head angle, degrees.")]
+
+
+@app.command()
+def trigger(
+    test_point: Annotated[str, typer.Argument(help="Name of the test point, as CAD has it.")],
+    endpoint: Endpoint = DEFAULT_ENDPOINT,
+    job_id: JobIdOption = None,
+    timeout_s: Annotated[float, typer.Option(help="Give up after this.")] = 60.0,
+    as_json: AsJson = False,
+) -> None:
+    """Say that a test point reads open: the daemon looks, corrects, verifies and answers."""
+    fields: dict[str, Any] = {"test_point": test_point, "deadline_ms": timeout_s * 1e3}
+    _job("correct", endpoint, as_json=as_json, job_id=job_id, timeout_s=timeout_s + 5, **fields)
+
+
+@app.command()
+def place(
+    test_point: Annotated[str, typer.Argument(help="Name of the test point.")],
+    theta_deg: Theta = 0.0,
+    endpoint: Endpoint = DEFAULT_ENDPOINT,
+    as_json: AsJson = False,
+) -> None:
+    """Put the tip over a test point, at working height."""
+    _job("place", endpoint, as_json=as_json, test_point=test_point, theta_deg=theta_deg)
+
+
+@app.command()
+def home(endpoint: Endpoint = DEFAULT_ENDPOINT, as_json: AsJson = False) -> None:
+    """Home all axes."""
+    _job("home", endpoint, as_json=as_json)
+
+
+@app.command()
+def look(
+    test_point: Annotated[str | None, typer.Argument(help="Test point under the tip, if any.")] = None,
+    endpoint: Endpoint = DEFAULT_ENDPOINT,
+    as_json: AsJson = False,
+) -> None:
+    """Take one look where the head is and keep its pictures; nothing moves."""
+    fields: dict[str, Any] = {"test_point": test_point} if test_point else {}
+    _job("look", endpoint, as_json=as_json, pictures=True, **fields)
+
+
+@app.command()
+def calibrate(
+    what: Annotated[Literal["tip", "map"], typer.Argument(help="Teach the tip, or calibrate the map.")],
+    tip: Annotated[str | None, typer.Option(help="tip: the needle's end in the picture, X,Y in px.")] = None,
+    on: Annotated[str | None, typer.Option(help="map: name of a round target that stands alone.")] = None,
+    theta_deg: Theta = 0.0,
+    endpoint: Endpoint = DEFAULT_ENDPOINT,
+    as_json: AsJson = False,
+) -> None:
+    """Teach the probe's tip from a white picture, or calibrate the map from image to robot."""
+    fields: dict[str, Any] = {"what": what, "theta_deg": theta_deg}
+    if tip is not None:
+        fields["tip_px"] = _pixel(tip)
+    if on is not None:
+        fields["test_point"] = on
+    _job("calibrate", endpoint, as_json=as_json, timeout_s=600.0, deadline_ms=600e3, **fields)
+
+
+@app.command()
+def cancel(endpoint: Endpoint = DEFAULT_ENDPOINT, job_id: JobIdOption = None, as_json: AsJson = False) -> None:
+    """Stop the running job, or the one named, safely."""
+    _ask("cancel", endpoint, as_json=as_json, **({"id": job_id} if job_id else {}))
+
+
+@app.command()
+def reset(endpoint: Endpoint = DEFAULT_ENDPOINT, as_json: AsJson = False) -> None:
+    """Clear a fault once its cause is gone."""
+    _ask("reset", endpoint, as_json=as_json)
+
+
+@app.command()
+def status(endpoint: Endpoint = DEFAULT_ENDPOINT, as_json: AsJson = False) -> None:
+    """Say what the daemon is doing."""
+    _ask("snapshot", endpoint, as_json=as_json)
+
+
+@app.command()
+def watch(
+    endpoint: Endpoint = DEFAULT_ENDPOINT,
+    topic: Annotated[list[str] | None, typer.Option(help="Only these topics.")] = None,
+    count: Annotated[int, typer.Option(help="End after so many events; 0 goes on.")] = 0,
+    as_json: AsJson = False,
+) -> None:
+    """Print events as they come, until Ctrl-C."""
+    with answered(), Client(endpoint) as client:
+        events = client.request("describe")["events"]
+    topics = tuple(topic) if topic else ("state", "result", "alert", "log")
+    try:
+        for n, event in enumerate(listen(events, topics), start=1):
+            if as_json:
+                say_json(event)
+            else:
+                out.print(
+                    f"[dim]{event['time']} {event['seq']:>6}[/] {event['topic']:<9} {_gist(event)}", highlight=False
+                )
+            if n == count:
+                return
+    except KeyboardInterrupt:
+        err.print("[dim]no longer listening[/]")
+
+
+def _gist(event: dict[str, Any]) -> str:
+    """Say an event in a line."""
+    match event["topic"]:
+        case "state":
+            return f"{event['was']} --{event['event']}--> [bold]{event['state']}[/]"
+        case "result":
+            return _sentence(JobResult.model_validate({k: event[k] for k in JobResult.model_fields}))
+        case _:
+            return ", ".join(f"{k}={v}" for k, v in event.items() if k not in ("v", "topic", "seq", "time", "station"))
+
+
+def _sentence(result: JobResult) -> str:
+    where = f" {result.test_point}" if result.test_point else ""
+    if result.error is not None:
+        return f"[red]{result.op}{where} failed[/]: {result.error.name} ({result.error.code}), {result.error.message}"
+    before, after = result.error_before_um, result.error_after_um
+    error = "" if before is None else f", {before:.0f} um off" if after is None else f", {before:.0f} -> {after:.0f} um"
+    return f"[green]{result.outcome}[/]{where}{error}, {result.looks} looks, {result.moves} moves"
+
+
+def _job(op: str, endpoint: str, *, as_json: bool, job_id: str | None = None, timeout_s: float = 120.0,
+         **fields: Any) -> None:  # fmt: skip
+    """Run a job, show how it ended, and exit 1 if it failed."""
+    with answered(), Client(endpoint) as client, err.status(f"{op} ..."):
+        result = client.job(op, job_id=job_id, timeout_s=timeout_s, **fields)
+    if as_json:
+        say_json(result.model_dump(mode="json"))
+    else:
+        out.print(_sentence(result), highlight=False)
+        _print_timing(result)
+        if result.pictures:
+            out.print(f"pictures: {result.pictures}", highlight=False, soft_wrap=True)
+        if result.error is not None:
+            out.print(f"  [dim]->[/] {result.error.advice}", highlight=False)
+    if not result.ok:
+        raise typer.Exit(1)
+
+
+def _print_timing(result: JobResult) -> None:
+    table = Table("state", *(columns := ("motion", "bus", "light", "exposure", "software", "total")), title="ms")
+    for state, row in result.timing_ms.items():
+        table.add_row(state, *(f"{row.get(c, 0.0):.1f}" for c in columns))
+    out.print(table)
+
+
+def _ask(op: str, endpoint: str, *, as_json: bool, **fields: Any) -> None:
+    """Ask something that is answered at once, and show the answer."""
+    with answered(), Client(endpoint, timeout_s=30.0) as client:
+        reply = client.request(op, **fields)
+    if as_json:
+        say_json(reply)
+        return
+    for key, value in reply.items():
+        if key not in ("v", "ok", "version", "last_result"):
+            out.print(f"[bold]{key}[/]: {value}", highlight=False, soft_wrap=True)
+    if reply.get("last_result"):
+        out.print(f"[bold]last result[/]: {_sentence(JobResult.model_validate(reply['last_result']))}", highlight=False)
+
+
+def _pixel(text: str) -> list[float]:
+    try:
+        x, y = (float(v) for v in text.split(","))
+    except ValueError:
+        fail(f"--tip {text!r} is not X,Y", advice="for example --tip 428.0,620.5")
+    return [x, y]

@@ -1,0 +1,120 @@
+"""The tester of the demonstration: sets the station up, then triggers one correction after the other.
+
+The tester does what a person and a tester do on a line: home, show the daemon the needle's end, calibrate the map, put
+the head over test points, say "open". How good each landing was it asks the simulated station's truth, not the daemon.
+"""
+
+from __future__ import annotations
+
+import random
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from daemon.board import Board, BoardPoint
+from daemon.client import Client
+from daemon.demo.processes import Bench
+from daemon.messages import JobResult
+
+CLICK_ERROR_PX = 0.4
+"""A person who points at the needle's end in a magnified picture is off by this much (1 sigma)."""
+BESIDE_BOARD_UM = 9000.0
+"""Beside the board there is only the dark base plate: the low-noise background on which the thesis teaches the tip."""
+ANGLES_DEG = (0.0, 100.0), (140.0, 359.9)
+LIMIT_UM = 50.0
+Say = Callable[[str], None]
+
+
+class SetUpError(Exception):
+    """The station could not be set up; the message says which step failed and why."""
+
+
+@dataclass(frozen=True)
+class Landing:
+    """One test point's story: the daemon's answer, and the truth before and after."""
+
+    point: BoardPoint
+    theta_deg: float
+    before_um: float
+    after_um: float
+    result: JobResult
+
+    @property
+    def good(self) -> bool:
+        """Whether the daemon answered that it landed, and it did."""
+        return self.result.ok and self.after_um <= LIMIT_UM
+
+
+def choose_points(board: Board, at_most: int) -> list[BoardPoint]:
+    """Return the named test points, else probe-able vias, in natural order."""
+    offered = board.test_points()
+    named = [p for p in offered if p.name.startswith("TP")]
+    return sorted(named or offered, key=lambda p: [int(s) if s.isdigit() else s for s in re.split(r"(\d+)", p.name)])[
+        :at_most
+    ]
+
+
+def choose_mark(board: Board) -> BoardPoint:
+    """Return the round target that stands most alone among its likes; fiducials are made for it."""
+
+    def solitude_um(point: BoardPoint) -> float:
+        others = board.lookalikes_um(point, within_um=20_000.0)[1:]
+        here = (point.x_um, point.y_um)
+        return min((((o - here) ** 2).sum() ** 0.5 for o in others), default=20_000.0)
+
+    marks = [p for p in board.points if p.kind == "fiducial" or (p.probeable and p.hole_um is None)] or [*board.points]
+    return max(marks, key=lambda p: (p.kind == "fiducial", min(solitude_um(p), 4000.0), -p.diameter_um))
+
+
+class Session:
+    """Set up and test; each step is told through `say`."""
+
+    def __init__(self, client: Client, bench: Bench, board: Board, seed: int, say: Say) -> None:
+        self._client, self._bench, self._board, self._say = client, bench, board, say
+        self._random = random.Random(seed)  # noqa: S311  # a repeatable demonstration, not a secret
+        self._seed = seed
+
+    def set_up(self) -> None:
+        """Home, teach the tip, calibrate the map."""
+        self._say("homing")
+        self._must("home")
+        self._say("teaching the tip")
+        self._must("place", board_um=[-BESIDE_BOARD_UM, self._board.height_um / 2], theta_deg=0.0)
+        self._must("calibrate", what="tip", tip_px=self._click())
+        mark = choose_mark(self._board)
+        self._say(f"calibrating the map on {mark.name}")
+        self._must("calibrate", what="map", test_point=mark.name, deadline_ms=600e3)
+
+    def land(self, point: BoardPoint) -> Landing:
+        """Put the head over a test point with all its errors, say "open", and ask the truth before and after."""
+        theta_deg = self._angle()
+        self._must("place", test_point=point.name, theta_deg=theta_deg)
+        before_um = self._truth_um(point)
+        result = self._client.job("correct", job_id=f"{point.name}-seed{self._seed}", test_point=point.name)
+        after_um = self._truth_um(point)
+        retest = "pass" if after_um <= LIMIT_UM else "open"
+        self._client.request("report", id=result.id, retest=retest, touches=1)
+        return Landing(point, theta_deg, before_um, after_um, result)
+
+    def _must(self, op: str, **fields: Any) -> JobResult:
+        result = self._client.job(op, timeout_s=600.0, **fields)
+        if result.error is not None:
+            raise SetUpError(f"{op} failed: {result.error.message} ({result.error.name}); {result.error.advice}")
+        return result
+
+    def _click(self) -> list[float]:
+        """Point at the needle's end as a person would: well, but not perfectly."""
+        x, y = self._bench.ask("status")["tip_px"]
+        return [x + self._random.gauss(0, CLICK_ERROR_PX), y + self._random.gauss(0, CLICK_ERROR_PX)]
+
+    def _angle(self) -> float:
+        """Draw an allowed head angle that the motor can stand at: a multiple of 0.05625 degrees."""
+        low, high = self._random.choice(ANGLES_DEG)
+        return round(self._random.uniform(low, high) / 0.05625) * 0.05625 % 360.0
+
+    def _truth_um(self, point: BoardPoint) -> float:
+        """Return how far the tip really is from the pad's real centre."""
+        targets = self._bench.ask("truth")["targets"]
+        errors = [t["error_um"] for t in targets if t["name"] == point.name]
+        return float(errors[0]) if errors else float("inf")

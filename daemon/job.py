@@ -1,0 +1,82 @@
+"""What a running job has at hand, and what it brings home."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Coroutine
+from dataclasses import dataclass, field
+from typing import Any
+
+from daemon.board import Board
+from daemon.calibrations import Calibrations
+from daemon.clock import Stopwatch
+from daemon.config import Config
+from daemon.messages import AnyJob
+from daemon.states import Event
+from daemon.station import Look, Station
+from drivers.deadline import Deadline
+
+
+@dataclass
+class Outcome:
+    """How a job that did not fail ended, in the words of `JobResult`."""
+
+    outcome: str
+    test_point: str | None = None
+    error_before_um: float | None = None
+    error_after_um: float | None = None
+    detail: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass
+class Bench:
+    """What jobs work with, the same for all of them."""
+
+    config: Config
+    station: Station
+    board: Board
+    calibrations: Calibrations
+
+
+class Job:
+    """One job under way: its request, its deadline, its time, and everything it saw."""
+
+    def __init__(
+        self,
+        request: AnyJob,
+        deadline: Deadline,
+        fire: Callable[[Event], object],
+        keep_step: Callable[[str, dict[str, Any]], Coroutine[Any, Any, None]],
+    ) -> None:
+        self.request = request
+        self.deadline = deadline
+        self.watch = Stopwatch()
+        self.fire = fire
+        self.first_look: Look | None = None
+        self.last_look: Look | None = None
+        self.looks = 0
+        self.moves = 0
+        self.partial = Outcome("failed")
+        """What is known even if the job fails half-way."""
+        self._keep_step = keep_step
+        self._steps: set[asyncio.Task[None]] = set()
+
+    def saw(self, look: Look) -> None:
+        """Count a look; of its frames only the first and the last stay in memory, for a picture is 6 MB."""
+        self.looks += 1
+        self.first_look = self.first_look or look
+        self.last_look = look
+
+    def note(self, kind: str, body: dict[str, Any]) -> None:
+        """Write a look or a move into the journal without waiting for the disk; `settle` waits."""
+        self._steps.add(asyncio.create_task(self._keep_step(kind, body)))
+
+    async def settle(self) -> None:
+        """Wait until all notes are on disk; the first failing write is raised."""
+        steps, self._steps = self._steps, set()
+        if steps:
+            await asyncio.gather(*steps)
+
+
+Errand = Callable[[Job, Bench], Awaitable[Outcome]]
+"""A job's body. It fires every event but the last `on_target`, and returns how it ended."""

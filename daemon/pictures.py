@@ -1,0 +1,71 @@
+"""The pictures of a job, on disk in a ring with a quota: what the daemon saw, and what it made of it."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import shutil
+from pathlib import Path
+from typing import Literal
+
+import cv2
+import structlog
+from vision.annotate import annotate
+
+from daemon.job import Job
+from daemon.messages import AnyJob, JobResult, Look
+from daemon.station import Look as Seen
+
+log = structlog.get_logger(__name__)
+JPEG_QUALITY = 92
+
+
+class Pictures:
+    """Keep white, red and the annotated picture of a job's first and last look."""
+
+    def __init__(self, folder: Path, which: Literal["failed", "all", "none"], quota_mb: float) -> None:
+        self._folder = folder
+        self._which = which
+        self._quota_bytes = int(quota_mb * 1e6)
+        self.full: str | None = None
+        """Why pictures are not kept at present; None when they are."""
+
+    def folder_for(self, request: AnyJob, *, failed: bool) -> Path | None:
+        """Return where this job's pictures go, or None if they are not wanted."""
+        asked = isinstance(request, Look) and request.pictures
+        if asked or self._which == "all" or (self._which == "failed" and failed):
+            return self._folder / re.sub(r"[^\w.-]", "_", request.id)[:100]
+        return None
+
+    async def keep(self, folder: Path, job: Job, result: JobResult) -> None:
+        """Write the pictures, then drop the oldest folders beyond the quota; a full disk only stops the keeping."""
+        looks = {"before": job.first_look, "after": job.last_look if job.looks > 1 else None}
+        wanted = {name: look for name, look in looks.items() if look is not None}
+        try:
+            await asyncio.to_thread(self._write, folder, wanted, result.model_dump_json(indent=1))
+            self.full = None
+        except OSError as exc:
+            self.full = f"{exc.strerror}: {folder}"
+            log.error("pictures_not_kept", folder=str(folder), error=str(exc))
+
+    def _write(self, folder: Path, looks: dict[str, Seen], numbers: str) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, look in looks.items():
+            marked = annotate(look.red.pixels, tip=look.tip, seen=look.seen)
+            for kind, pixels in (("white", look.white.pixels), ("red", look.red.pixels), ("marked", marked)):
+                ok, data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+                if ok:
+                    (folder / f"{name}-{kind}.jpg").write_bytes(data.tobytes())
+        (folder / "result.json").write_text(numbers)
+        self._trim(keep=folder)
+
+    def _trim(self, keep: Path) -> None:
+        """Drop the oldest folders until the quota holds; the newest always stays."""
+        folders = sorted((f for f in self._folder.iterdir() if f.is_dir()), key=lambda f: f.stat().st_mtime)
+        sizes = {f: sum(p.stat().st_size for p in f.iterdir()) for f in folders}
+        total = sum(sizes.values())
+        for folder in folders:
+            if total <= self._quota_bytes or folder == keep:
+                break
+            shutil.rmtree(folder)
+            total -= sizes[folder]

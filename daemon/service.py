@@ -1,0 +1,217 @@
+"""Start, serve, stop: the daemon as a whole.
+
+It starts in `fault` and stays there until every device is open and the drives say they are homed. A device that is
+missing does not end the daemon: it says what is missing, answers, and tries again on `reset`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+from importlib.metadata import version
+from typing import Any
+
+import structlog
+import zmq.asyncio
+
+from daemon.api import ControlSocket
+from daemon.board import Board
+from daemon.calibrations import Calibrations
+from daemon.clock import utc_now
+from daemon.config import Config
+from daemon.events import Events
+from daemon.faults import Fault, Kind
+from daemon.hardware import Hardware, open_hardware
+from daemon.job import Bench
+from daemon.jobs import Jobs
+from daemon.journal import Journal
+from daemon.messages import ErrorBody, JobResult
+from daemon.ops import Ops
+from daemon.pictures import Pictures
+from daemon.states import Event, Machine, State
+from daemon.station import Station
+from daemon.trouble import as_fault
+from drivers.deadline import Deadline
+
+OPEN_WITHIN_S = 20.0
+CHECK_EVERY_S = 2.0
+CHECK_WITHIN_S = 2.0
+STOP_WITHIN_S = 2.0
+log = structlog.get_logger(__name__)
+
+
+class Service:
+    """One daemon. `run` serves until `stop` is called or the process is told to end."""
+
+    def __init__(self, config: Config) -> None:
+        self.config = config
+        self.version = version("reprobe")
+        self._stop = asyncio.Event()
+        self._hardware: Hardware | None = None
+        self.calibrations = Calibrations(config.station.data_dir / "calibration", config.station.name)
+        self._opening = asyncio.Lock()
+
+    def stop(self) -> None:
+        """Ask the daemon to end; motion stops, lights go off, everything is written."""
+        self._stop.set()
+
+    async def run(self) -> None:
+        """Serve until told to stop."""
+        config = self.config
+        board = Board.load(config.board.file)
+        self._journal = await Journal.open(config.station.data_dir / "journal.sqlite")
+        context = zmq.asyncio.Context()
+        self._events = Events(zmq.Context(context), config.api.events, config.station.name, self._journal)
+        self.machine = Machine(self._publish_state)
+        self.pictures = Pictures(
+            config.station.data_dir / "pictures", config.station.pictures, config.station.pictures_quota_mb
+        )
+        self.jobs = Jobs(
+            self.machine, self._journal, self._events, self.pictures, config.station.name,
+            config.servo.job_timeout_s, config.api.queue_length,
+        )  # fmt: skip
+        self.board = board
+        control = ControlSocket(
+            context, config.api.control, config.api.max_message_bytes, self.version, Ops(self, self._journal).handle
+        )
+        self._trap_signals()
+        try:
+            await self._serve(control)
+        finally:
+            await self._close(context, control)
+
+    async def _serve(self, control: ControlSocket) -> None:
+        """Report what a stop interrupted, open the devices, then run everything until told to stop."""
+        await self._journal.reserve_seqs()
+        await self._report_interrupted()
+        answering = asyncio.create_task(control.serve(), name="control")
+        background = [
+            asyncio.create_task(self._heartbeat(), name="heartbeat"),
+            asyncio.create_task(self._supervise(), name="supervise"),
+        ]
+        working = asyncio.create_task(self._open_and_work(), name="jobs")
+        stopping = asyncio.create_task(self._stop.wait(), name="stop")
+        done, _ = await asyncio.wait({answering, working, stopping, *background}, return_when=asyncio.FIRST_COMPLETED)
+        log.info("stopping")
+        for task in (*background, working):
+            task.cancel()
+        await asyncio.wait([working, *background])
+        await control.drain(within_s=1.0)
+        answering.cancel()
+        stopping.cancel()
+        await asyncio.wait([answering, stopping])
+        for task in done - {stopping}:
+            task.result()  # a task that ended by itself ended by an error: let it be seen
+
+    async def _open_and_work(self) -> None:
+        await self.reset()
+        await self.jobs.run()
+
+    # --- devices ---------------------------------------------------------------------------------------------
+
+    async def reset(self) -> Fault | None:
+        """Open what is not open, clear what the drives hold, and leave the fault if nothing speaks against it.
+
+        Returns what still speaks against it.
+        """
+        async with self._opening:
+            self.jobs.fault = None
+            try:
+                await self._open()
+            except Exception as exc:  # whatever keeps the station closed becomes its fault
+                fault = as_fault(exc)
+                if fault.kind is Kind.INTERNAL:
+                    log.exception("opening_failed_internally")
+                self.jobs.latch(_latched(fault))
+                log.error("station_not_ready", error=fault.message, advice=fault.advice)
+                return fault
+            self.jobs.clear()
+            return None
+
+    async def _open(self) -> None:
+        """Open the hardware if need be, and see that it is fit to work; raise what is wrong."""
+        deadline = Deadline.after(OPEN_WITHIN_S)
+        if self._hardware is None:
+            self.calibrations.load()
+            self._hardware = await open_hardware(self.config, deadline)
+            station = Station(self.config, self._hardware)
+            self.jobs.bench = Bench(self.config, station, self.board, self.calibrations)
+            log.info("station_open", camera=dict(self._hardware.camera.settings()))
+        else:
+            await self._hardware.recover(deadline)
+        await self._hardware.check_health(deadline)
+        if not await self._hardware.gantry.homed():
+            raise Fault(Kind.NOT_HOMED)
+
+    async def _supervise(self) -> None:
+        """While nothing runs, look after the drives: an e-stop or a pulled cable is noticed before the next job."""
+        while True:
+            await asyncio.sleep(CHECK_EVERY_S)
+            if self._hardware is None or self.jobs.running is not None or self.machine.state is not State.IDLE:
+                continue
+            try:
+                await self._hardware.check_health(Deadline.after(CHECK_WITHIN_S))
+            except Exception as exc:  # noqa: BLE001  # whatever the drives report becomes the station's fault
+                if self.jobs.running is None:
+                    fault = _latched(as_fault(exc))
+                    log.error("station_lost", error=fault.message)
+                    self.jobs.latch(fault)
+
+    # --- telling ---------------------------------------------------------------------------------------------
+
+    async def _heartbeat(self) -> None:
+        while True:
+            await self._journal.reserve_seqs()
+            self._events.publish("heartbeat", {"state": self.machine.state.value, "version": self.version})
+            await asyncio.sleep(self.config.api.heartbeat_s)
+
+    def _publish_state(self, before: State, event: Event, after: State) -> None:
+        fault = self.jobs.fault
+        running = self.jobs.running
+        self._events.publish(
+            "state",
+            {
+                "state": after.value,
+                "was": before.value,
+                "event": event.value,
+                "job": running.id if running else None,
+                "fault": ErrorBody.of(fault).model_dump(mode="json") if fault and after is State.FAULT else None,
+            },
+        )
+        log.info("state", change=f"{before.value} --{event.value}--> {after.value}")
+
+    async def _report_interrupted(self) -> None:
+        """Give each job that a crash or a kill cut off its result: a fault; nothing moves."""
+        for job_id, op in await self._journal.unfinished():
+            error = ErrorBody.of(Fault(Kind.INTERRUPTED))
+            result = JobResult(
+                id=job_id, op=op, ok=False, seq=self._journal.take_seq(), station=self.config.station.name,
+                finished_at=utc_now(), outcome="failed", error=error,
+            )  # fmt: skip
+            await self._journal.finish_job(result)
+            self._events.publish("result", result.model_dump(mode="json"), seq=result.seq)
+
+    # --- the end ---------------------------------------------------------------------------------------------
+
+    def _trap_signals(self) -> None:
+        loop = asyncio.get_running_loop()
+        for number in (signal.SIGTERM, signal.SIGINT):
+            loop.add_signal_handler(number, self.stop)
+
+    async def _close(self, context: zmq.asyncio.Context, control: ControlSocket) -> None:
+        """Darken, let go of the devices, write the journal, close the sockets."""
+        if self._hardware is not None:
+            await self._hardware.close(Deadline.after(STOP_WITHIN_S))
+        await self._journal.close()
+        self._events.close()
+        control.close()
+        context.term()
+        log.info("stopped")
+
+
+def _latched(fault: Fault) -> Fault:
+    """Keep what closes a station latched, whatever its kind."""
+    if fault.kind.latched:
+        return fault
+    detail: dict[str, Any] = {**fault.detail, "was": fault.kind.wire_name}
+    return Fault(Kind.INTERNAL, fault.message, **detail)

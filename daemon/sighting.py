@@ -1,0 +1,140 @@
+"""From one look to one decision: where the target is from the tip, in um, or why that cannot be said."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from daemon.board import BoardPoint
+from daemon.faults import Fault, Kind
+from daemon.job import Bench, Job
+from daemon.station import Look, Search
+from drivers.gantry import Position
+from vision import NotFound, Seen, TestPoint, Tip, needle_hides
+from vision.constellation import Match, match_target
+from vision.frames import Array, rotation
+from vision.posemap import Correction, PoseMap
+
+UNUSABLE = frozenset({"too_dark", "saturated", "blurred"})
+
+
+@dataclass(frozen=True)
+class Aim:
+    """The way from the tip to the target that one look found."""
+
+    look: Look
+    tip: Tip
+    target: TestPoint
+    correction: Correction
+
+    @property
+    def error_um(self) -> float:
+        """Distance between tip and target."""
+        return self.correction.distance_um
+
+
+async def look_and_aim(job: Job, bench: Bench, point: BoardPoint, pose_map: PoseMap) -> Aim:
+    """Take one look and find the way to `point`; a `Fault` says what could not be seen."""
+    model = bench.calibrations.require_probe()
+    servo = bench.config.servo
+    reach_um = servo.max_placement_um + servo.match_um
+    search = Search.by_map(pose_map, model.tip_px, point, reach_um)
+    look = await bench.station.look(model, search, job.watch, job.deadline)
+    job.saw(look)
+    tip = require_tip(look)
+    target = choose(look, tip, point, pose_map, bench)
+    way = pose_map.correction((target.x_px, target.y_px), (tip.x_px, tip.y_px), look.position.theta_deg,
+                              math.hypot(tip.sigma_px, target.sigma_px))  # fmt: skip
+    job.note("look", describe(look, target, way))
+    return Aim(look, tip, target, way)
+
+
+def require_tip(look: Look) -> Tip:
+    """Return the tip or raise the `Fault` that names why there is none."""
+    if look.tip is None:
+        raise Fault(Kind.NOT_CALIBRATED, "the probe's tip has not been taught")
+    if isinstance(look.tip, NotFound):
+        kind = Kind.FRAME_UNUSABLE if str(look.tip.reason) in UNUSABLE else Kind.TIP_NOT_FOUND
+        raise Fault(kind, f"tip not found: {look.tip.message}", reason=str(look.tip.reason))
+    return look.tip
+
+
+def choose(look: Look, tip: Tip, point: BoardPoint, pose_map: PoseMap, bench: Bench) -> TestPoint:
+    """Choose the pad that is `point` among those seen, by CAD's neighbourhood; never guess."""
+    seen = look.seen
+    if seen is None:
+        raise Fault(Kind.TEST_POINT_NOT_FOUND, "the red picture was not searched")
+    refuse_undecided(seen)
+    servo = bench.config.servo
+    theta = look.position.theta_deg
+    tip_px = (tip.x_px, tip.y_px)
+    pads = (
+        pose_map.from_tip_um([(p.x_px, p.y_px) for p in seen.taken], tip_px, theta) if seen.taken else np.empty((0, 2))
+    )
+    cad = lookalikes(point, look.position, bench)
+
+    def hidden(places_um: Array) -> Sequence[bool]:
+        radius_um = point.diameter_um / 2
+        return needle_hides(tip, pose_map.to_px(places_um, tip_px, theta), radius_um * pose_map.scale_px_per_um(tip_px))
+
+    match = match_target(
+        pads, cad, max_shift_um=servo.max_placement_um, tolerance_um=servo.match_um,
+        reach_um=servo.max_placement_um, hidden=hidden,
+    )  # fmt: skip
+    if isinstance(match, Match):
+        return seen.taken[match.index]
+    names = {"ambiguous": Kind.AMBIGUOUS, "contradicted": Kind.AMBIGUOUS}
+    raise Fault(
+        names.get(match.reason, Kind.TEST_POINT_NOT_FOUND),
+        f"{point.name}: {match.reason}, {len(seen.taken)} pads of its size seen",
+        candidates_um=[[round(float(v), 1) for v in pads[i]] for i in match.candidates],
+        thrown=[t.rule for t in seen.thrown][:20],
+    )
+
+
+def refuse_undecided(seen: Seen) -> None:
+    """Raise if an object near the tip could not be decided, or the picture could not be used at all."""
+    nearest = seen.nearest
+    if isinstance(nearest, TestPoint):
+        return
+    reason = str(nearest.reason)
+    if reason == "undecided":
+        raise Fault(Kind.UNDECIDED, nearest.message, rules=[o.rule for o in seen.undecided][:20])
+    if reason in UNUSABLE or reason == "out_of_frame":
+        raise Fault(Kind.FRAME_UNUSABLE, nearest.message, reason=reason)
+
+
+def lookalikes(point: BoardPoint, position: Position, bench: Bench) -> Array:
+    """Return CAD's round targets near `point`, itself first, from where it nominally is below the tip; um, robot frame.
+
+    The nominal place of the target is taken as the origin: what the placement missed is what is to be found.
+    """
+    servo = bench.config.servo
+    places = bench.board.lookalikes_um(point, 3 * (servo.max_placement_um + servo.match_um))
+    turned = (places - places[0]) @ rotation(bench.station.board_rotation_deg()).T
+    return turned + bench.station.tip_from(point.x_um, point.y_um, position)
+
+
+def describe(look: Look, target: TestPoint | None, way: Correction | None) -> dict[str, object]:
+    """Return a look's numbers for the journal."""
+    body: dict[str, object] = {
+        "x_um": round(look.position.x_um, 2),
+        "y_um": round(look.position.y_um, 2),
+        "z_um": round(look.position.z_um, 2),
+        "theta_deg": round(look.position.theta_deg, 5),
+        "white_sequence": look.white.sequence,
+        "red_sequence": look.red.sequence,
+    }
+    if isinstance(look.tip, Tip):
+        body |= {
+            "tip_px": [round(look.tip.x_px, 3), round(look.tip.y_px, 3)],
+            "tip_sigma_px": round(look.tip.sigma_px, 3),
+        }
+    if target is not None:
+        body |= {"target_px": [round(target.x_px, 3), round(target.y_px, 3)], "kind": str(target.kind)}
+    if way is not None:
+        body |= {"dx_um": round(way.dx_um, 2), "dy_um": round(way.dy_um, 2), "sigma_um": round(way.sigma_um, 2)}
+    return body

@@ -1,0 +1,198 @@
+"""Gantry, lights and camera as one station: `look()` and `go()`.
+
+A look takes two pictures of one resting scene: white for the tip, red for the pads (thesis 5.3, 5.4). A frame counts
+only if its exposure began after the light, and the head before it, had settled. While red settles, the tip is already
+being searched in the white picture.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from daemon.board import BoardPoint
+from daemon.clock import Stopwatch
+from daemon.config import Config
+from daemon.hardware import Hardware
+from drivers.camera import Frame
+from drivers.deadline import Deadline
+from drivers.gantry import Position
+from drivers.lights import Light
+from vision import NotFound, ProbeModel, Seen, Tip, find_test_points, find_tip
+from vision.frames import Array, HeadModel, Rigid2
+from vision.posemap import PoseMap
+
+HEIGHT_WINDOW_UM = 5.0
+"""The head is at working height when Z agrees this well."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """What one look brought: two frames, where the head was, the tip and the pads.
+
+    `tip` is None when no probe is taught, `seen` when there is no tip to search round.
+    """
+
+    white: Frame
+    red: Frame
+    position: Position
+    tip: Tip | NotFound | None
+    seen: Seen | None
+
+
+@dataclass(frozen=True)
+class Search:
+    """Where and for what to look in the red picture, relative to the tip."""
+
+    offset_px: tuple[float, float]
+    reach_px: float
+    expected_radius_px: float | None
+
+    @classmethod
+    def by_map(cls, pose_map: PoseMap, tip_px: tuple[float, float], point: BoardPoint, reach_um: float) -> Search:
+        """Look round the place below the tip for a target of CAD's size."""
+        scale = pose_map.scale_px_per_um(tip_px)
+        return cls(pose_map.below_tip_px, reach_um * scale, point.diameter_um / 2 * scale)
+
+
+class Station:
+    """The opened hardware with what is known of its geometry."""
+
+    def __init__(self, config: Config, hardware: Hardware) -> None:
+        self.config = config
+        self._hardware = hardware
+        self._head: HeadModel = config.head.model()
+        self._board: Rigid2 = config.board.pose()
+        self._resting_since_s = time.monotonic()
+
+    # --- where things are -------------------------------------------------------------------------------------
+
+    def board_to_robot_um(self, x_um: float, y_um: float) -> Array:
+        """Return the nominal robot coordinates of a place on the board."""
+        return self._board.apply((x_um, y_um))
+
+    def board_rotation_deg(self) -> float:
+        """Return how the board nominally lies."""
+        return self._board.theta_deg
+
+    def position_over(self, x_um: float, y_um: float, theta_deg: float) -> Position:
+        """Return the head position that puts a perfect head's tip over a place of the board, at working height."""
+        hx, hy = self.board_to_robot_um(x_um, y_um) - self._head.tip_offset_um(theta_deg)
+        return Position(float(hx), float(hy), self.config.gantry.work_z_um, theta_deg)
+
+    def tip_from(self, x_um: float, y_um: float, position: Position) -> Array:
+        """Return a place of the board relative to a perfect head's tip, robot frame, um."""
+        head = np.array((position.x_um, position.y_um))
+        return self.board_to_robot_um(x_um, y_um) - head - self._head.tip_offset_um(position.theta_deg)
+
+    # --- what it does -----------------------------------------------------------------------------------------
+
+    async def position(self, watch: Stopwatch, deadline: Deadline) -> Position:
+        """Read where the axes are."""
+        with watch.spend("bus"):
+            return await self._hardware.gantry.position(deadline)
+
+    async def go(self, target: Position, watch: Stopwatch, deadline: Deadline) -> None:
+        """Move the head; cancelling stops it."""
+        self._hardware.gantry.check(target)
+        with watch.spend("motion"):
+            try:
+                await self._hardware.gantry.move_to(target, deadline)
+            finally:
+                self._resting_since_s = time.monotonic()
+
+    async def to_work_height(self, watch: Stopwatch, deadline: Deadline) -> Position:
+        """Bring Z to the one height at which looks are taken; return the position."""
+        position = await self.position(watch, deadline)
+        if abs(position.z_um - self.config.gantry.work_z_um) <= HEIGHT_WINDOW_UM:
+            return position
+        level = Position(position.x_um, position.y_um, self.config.gantry.work_z_um, position.theta_deg)
+        await self.go(level, watch, deadline)
+        return await self.position(watch, deadline)
+
+    async def home(self, watch: Stopwatch, deadline: Deadline) -> None:
+        """Home all axes."""
+        with watch.spend("motion"):
+            try:
+                await self._hardware.gantry.home(deadline)
+            finally:
+                self._resting_since_s = time.monotonic()
+
+    async def homed(self) -> bool:
+        """Say whether every drive still knows where it is."""
+        return await self._hardware.gantry.homed()
+
+    def check(self, target: Position) -> None:
+        """Raise if the target is outside of what the machine may reach."""
+        self._hardware.gantry.check(target)
+
+    async def look(self, model: ProbeModel | None, search: Search, watch: Stopwatch, deadline: Deadline) -> Look:
+        """Take white and red and find tip and pads; nothing moves."""
+        position = await self.position(watch, deadline)
+        white = await self.picture(Light.WHITE, watch, deadline)
+        tip_search = asyncio.create_task(asyncio.to_thread(_search_tip, white, model))
+        try:
+            red = await self.picture(Light.RED, watch, deadline)
+            tip = await tip_search
+        finally:
+            tip_search.cancel()
+        seen = await asyncio.to_thread(_search_pads, red, tip, search) if tip else None
+        return Look(white, red, position, tip, seen)
+
+    async def picture(self, light: Light, watch: Stopwatch, deadline: Deadline) -> Frame:
+        """Take one frame that was exposed wholly after light and head had settled."""
+        lights = self._hardware.lights
+        with watch.spend("bus"):
+            await lights.set(light, deadline)
+        lit_at_s = time.monotonic() + lights.settle_s
+        still_at_s = self._resting_since_s + self.config.gantry.settle_ms / 1e3
+        asked_s = time.monotonic()
+        ready_s = max(lit_at_s, still_at_s)
+        patience_s = self.config.camera.timeout_ms / 1e3
+        frame = await self._hardware.camera.frame_after(ready_s, deadline.within(ready_s - asked_s + patience_s))
+        exposed_s = frame.exposure_start_s + frame.exposure_s
+        watch.book("light", ready_s - asked_s)
+        # What comes after the end of the exposure (transfer, decoding) is software, and is booked as such.
+        watch.book("exposure", min(exposed_s, time.monotonic()) - max(ready_s, asked_s))
+        return frame
+
+    async def prepare_white(self, watch: Stopwatch, deadline: Deadline) -> None:
+        """Switch to white ahead of a move, so that the lamp is steady when the head is."""
+        with watch.spend("bus"):
+            await self._hardware.lights.set(Light.WHITE, deadline)
+
+    async def dark(self, watch: Stopwatch, deadline: Deadline) -> None:
+        """Switch both rings off."""
+        with watch.spend("bus"):
+            await self._hardware.lights.set(Light.OFF, deadline)
+
+    async def stop(self) -> None:
+        """Stop all motion at once, whatever else goes on."""
+        await self._hardware.gantry.quick_stop()
+
+    async def retract(self, deadline: Deadline) -> None:
+        """Lift the needle to the safe height."""
+        position = await self._hardware.gantry.position(deadline)
+        if position.z_um < self.config.gantry.safe_z_um:
+            safe = Position(position.x_um, position.y_um, self.config.gantry.safe_z_um, position.theta_deg)
+            await self._hardware.gantry.move_to(safe, deadline)
+
+
+def _search_tip(white: Frame, model: ProbeModel | None) -> Tip | NotFound | None:
+    """Run TEDA, if a probe has been taught."""
+    return find_tip(white.pixels, model) if model is not None else None
+
+
+def _search_pads(red: Frame, tip: Tip, search: Search) -> Seen:
+    """Run TDEA round the place below the tip."""
+    around = (tip.x_px + search.offset_px[0], tip.y_px + search.offset_px[1])
+    return find_test_points(
+        red.pixels,
+        around_px=around,
+        reach_px=search.reach_px,
+        expected_radius_px=search.expected_radius_px,
+        needle=tip,
+    )

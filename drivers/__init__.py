@@ -1,0 +1,1 @@
+"""Hardware drivers: bytes and volts, nothing of what images mean."""

@@ -1,0 +1,76 @@
+"""Whether a reply answers the request it came after; the library does not look. Pure."""
+
+from collections.abc import Sequence
+
+from pymodbus.pdu import ModbusPDU
+
+from drivers.bus import od
+from drivers.bus.pdus import ExtendedException, GarbledReply, OdPdu
+from drivers.errors import DeviceRefused, ReplyError
+
+EXCEPTION_MEANING = {
+    1: "illegal function",
+    2: "illegal address",
+    3: "illegal value",
+    4: "device failure",
+    5: "acknowledge",
+    6: "busy",
+    0x0A: "gateway path unavailable",
+    0x0B: "no answer behind the gateway",
+}
+
+
+def sound_reply(request: ModbusPDU, reply: ModbusPDU, device: str) -> ModbusPDU:
+    """Give back `reply` when slave and function code are the asked ones; raise DeviceRefused or ReplyError."""
+    if reply.dev_id != request.dev_id:
+        raise ReplyError(f"reply comes from slave {reply.dev_id}", device=device)
+    if reply.function_code & 0x7F != request.function_code:
+        raise ReplyError(f"reply to FC {request.function_code} has FC {reply.function_code}", device=device)
+    if isinstance(reply, GarbledReply):
+        raise ReplyError(f"frame without sense: {reply.frame.hex(' ')}", device=device)
+    if isinstance(reply, ExtendedException):
+        raise _refusal(reply, device)
+    return reply
+
+
+def _refusal(reply: ExtendedException, device: str) -> DeviceRefused:
+    if reply.exception_code == od.EXTENDED_EXCEPTION:
+        code = od.abort_code(reply.detail)
+        if code is None:
+            text = f"extended exception {reply.detail.hex(' ')}"
+            return DeviceRefused(text, device=device, code=reply.exception_code)
+        meaning = od.ABORT_MEANING.get(code, "abort code not known here")
+        return DeviceRefused(f"abort {code:08X}h: {meaning}", device=device, code=code)
+    meaning = EXCEPTION_MEANING.get(reply.exception_code, "not known here")
+    text = f"exception {reply.exception_code:02X}h to FC {reply.function_code & 0x7F}: {meaning}"
+    return DeviceRefused(text, device=device, code=reply.exception_code)
+
+
+def registers(reply: ModbusPDU, count: int, device: str) -> tuple[int, ...]:
+    """Give the registers of a read reply; raise ReplyError when there are not exactly `count`."""
+    if len(reply.registers) != count:
+        raise ReplyError(f"{count} registers asked, {len(reply.registers)} came", device=device)
+    return tuple(reply.registers)
+
+
+def coils(reply: ModbusPDU, count: int, device: str) -> tuple[bool, ...]:
+    """Give the coils of a read reply, without the padding; raise ReplyError when the length is wrong."""
+    if len(reply.bits) != (count + 7) // 8 * 8:
+        raise ReplyError(f"{count} coils asked, {len(reply.bits)} bits came", device=device)
+    return tuple(bool(bit) for bit in reply.bits[:count])
+
+
+def echoed(reply: ModbusPDU, address: int, values: Sequence[object], device: str) -> None:
+    """Check the echo of a write of several registers or coils; raise ReplyError when it is another write's."""
+    if (reply.address, reply.count) != (address, len(values)):
+        text = f"wrote {len(values)} at {address}, reply confirms {reply.count} at {reply.address}"
+        raise ReplyError(text, device=device)
+
+
+def od_telegram(reply: ModbusPDU, device: str) -> od.OdTelegram:
+    """Give the telegram in an FC 43/13 reply; raise ReplyError when there is none."""
+    body = reply.body if isinstance(reply, OdPdu) else b""
+    try:
+        return od.OdTelegram.decode(body)
+    except ValueError as exc:
+        raise ReplyError(str(exc), device=device) from exc

@@ -1,0 +1,193 @@
+"""A camera that runs all the time in its own thread and hands out the first picture after an instant.
+
+The camera's queue gives old pictures first; only a reader that never pauses sees new ones. So one thread grabs
+without end, and decodes a picture only when somebody waits for one exposed late enough.
+"""
+
+import asyncio
+import threading
+import zlib
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future
+from dataclasses import dataclass, replace
+
+import structlog
+
+from drivers.camera.contract import CameraConfig, CameraStatistics, Frame, Pixels
+from drivers.camera.source import Grabbed, Settings, Source
+from drivers.deadline import Deadline
+from drivers.errors import CameraError, CameraTimeout
+
+
+@dataclass(slots=True, eq=False)
+class _Wish:
+    """Somebody waits for a picture exposed at or after `after_s`."""
+
+    after_s: float
+    future: "Future[Frame]"
+
+
+class RunningCamera:
+    """The common part of all cameras: newest frame after t, time-outs, opening again. Not for two event loops."""
+
+    def __init__(self, config: CameraConfig, make_source: Callable[[], Source]) -> None:
+        self.config = config
+        self._make_source = make_source
+        self._log = structlog.get_logger().bind(device=config.device)
+        self._lock = threading.Lock()
+        self._wishes: list[_Wish] = []
+        self._settings: Settings = {}
+        self._statistics = CameraStatistics()
+        self._trouble: str | None = None
+        self._last_crc: int | None = None
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    # ------------------------------------------------------------------ called from the event loop
+    async def open(self, deadline: Deadline) -> None:
+        """Open the camera and start grabbing; raise CameraError when it does not open by the deadline."""
+        if self._thread is not None:
+            raise CameraError("is open already", device=self.config.device)
+        self._stop.clear()
+        opened: Future[None] = Future()
+        self._thread = threading.Thread(target=self._run, args=(opened,), name="camera", daemon=True)
+        self._thread.start()
+        try:
+            async with asyncio.timeout(deadline.remaining_s):
+                await asyncio.wrap_future(opened)
+        except TimeoutError as exc:
+            await self.close()
+            raise CameraTimeout("did not open in time", device=self.config.device) from exc
+        except BaseException:
+            await self.close()
+            raise
+
+    async def frame_after(self, t_s: float, deadline: Deadline) -> Frame:
+        """Give the first frame whose exposure began at or after `t_s` (CLOCK_MONOTONIC, seconds).
+
+        Raises CameraTimeout, which says what is wrong with the camera when that is known. May be called by
+        several tasks at a time; a cancelled call leaves nothing behind.
+        """
+        if self._thread is None:
+            raise CameraError("is not open", device=self.config.device, advice="Call open first.")
+        wish = _Wish(t_s, Future())
+        with self._lock:
+            self._wishes.append(wish)
+        try:
+            async with asyncio.timeout(deadline.remaining_s):
+                return await asyncio.wrap_future(wish.future)
+        except TimeoutError as exc:
+            trouble = f": {self._trouble}" if self._trouble else ""
+            text = f"no picture exposed after the wanted instant came in time{trouble}"
+            raise CameraTimeout(text, device=self.config.device) from exc
+        finally:
+            with self._lock:
+                if wish in self._wishes:
+                    self._wishes.remove(wish)
+
+    def settings(self) -> Mapping[str, float | None]:
+        """Give what the camera read back when it was last opened."""
+        return dict(self._settings)
+
+    def statistics(self) -> CameraStatistics:
+        """Give counters."""
+        return self._statistics
+
+    async def close(self) -> None:
+        """Stop the thread and close the camera; waiting callers get CameraError. Safe to call twice."""
+        thread, self._thread = self._thread, None
+        if thread is None:
+            return
+        self._stop.set()
+        # The thread ends after at most one grab time-out; it must not hold the event loop
+        await asyncio.get_running_loop().run_in_executor(None, thread.join)
+
+    # ------------------------------------------------------------------ the thread
+    def _run(self, opened: "Future[None]") -> None:
+        """Grab until told to stop; open again with back-off after a failure."""
+        backoff_s = self.config.backoff_s
+        first = True
+        while not self._stop.is_set():
+            source = self._make_source()
+            try:
+                self._settings = source.open()
+                if first:
+                    first = False
+                    if not opened.set_running_or_notify_cancel():
+                        return  # the opener gave up
+                    opened.set_result(None)
+                else:
+                    self._count(reopened=1)
+                    self._log.info("camera.back")
+                self._grab_until_trouble(source)
+                backoff_s = self.config.backoff_s
+            except CameraError as exc:
+                if first:
+                    if opened.set_running_or_notify_cancel():
+                        opened.set_exception(exc)
+                    return
+                self._note(exc)
+            finally:
+                source.close()
+            self._stop.wait(backoff_s)
+            backoff_s = min(2 * backoff_s, self.config.backoff_max_s)
+        self._refuse_all(CameraError("was closed", device=self.config.device))
+
+    def _grab_until_trouble(self, source: Source) -> None:
+        while not self._stop.is_set():
+            grabbed = source.grab()
+            if grabbed is None:
+                self._count(timeouts=1)
+                text = f"no picture within {self.config.frame_timeout_s:g} s"
+                raise CameraError(text, device=self.config.device)
+            self._count(grabbed=1)
+            if self._wanted(grabbed):
+                self._deliver(source, grabbed)
+
+    def _wanted(self, grabbed: Grabbed) -> bool:
+        with self._lock:
+            return any(wish.after_s <= grabbed.exposure_start_s for wish in self._wishes)
+
+    def _deliver(self, source: Source, grabbed: Grabbed) -> None:
+        pixels = source.retrieve()
+        if pixels is None:
+            self._count(undecodable=1)
+            self._trouble = "pictures arrive torn"
+            return
+        if self._is_frozen(pixels):
+            self._count(identical=1)
+            self._trouble = "camera is frozen: the same picture again and again"
+            return
+        self._trouble = None
+        pixels.setflags(write=False)
+        frame = Frame(pixels, grabbed.exposure_start_s, grabbed.exposure_s, grabbed.sequence)
+        with self._lock:
+            served = [wish for wish in self._wishes if wish.after_s <= frame.exposure_start_s]
+            self._wishes = [wish for wish in self._wishes if wish not in served]
+        for wish in served:
+            if wish.future.set_running_or_notify_cancel():
+                wish.future.set_result(frame)
+                self._count(delivered=1)
+
+    def _is_frozen(self, pixels: Pixels) -> bool:
+        if not self.config.refuse_identical:
+            return False
+        last, self._last_crc = self._last_crc, zlib.crc32(pixels.data)
+        return last == self._last_crc
+
+    def _note(self, exc: CameraError) -> None:
+        """Log one error per outage; the rest is detail."""
+        level = self._log.debug if self._trouble == exc.message else self._log.error
+        self._trouble = exc.message
+        level("camera.lost", cause=exc.message)
+
+    def _refuse_all(self, exc: CameraError) -> None:
+        with self._lock:
+            wishes, self._wishes = self._wishes, []
+        for wish in wishes:
+            if wish.future.set_running_or_notify_cancel():
+                wish.future.set_exception(exc)
+
+    def _count(self, **more: int) -> None:
+        old = self._statistics
+        self._statistics = replace(old, **{name: getattr(old, name) + by for name, by in more.items()})

@@ -1,0 +1,184 @@
+"""X, Y, Z and theta as one machine: safe paths, coordinated waits, every axis stopped when one fails."""
+
+import asyncio
+from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager
+from dataclasses import replace
+
+import structlog
+
+from drivers.deadline import Deadline
+from drivers.errors import MotionError, MotionTimeout, NotHomed, Stalled
+from drivers.gantry.contract import GantryConfig, Position, axis_theta_deg
+from drivers.gantry.path import Ends, Leg, plan
+from drivers.l4118 import Axis, AxisFindings, AxisHealth
+from drivers.shielded import finish
+
+AXES = ("x", "y", "z", "theta")
+_NAME = "gantry"
+
+
+class Gantry:
+    """The whole machine. One move at a time; a second one is refused, stops always get through.
+
+    Every move retracts Z before anything lateral, comes to its target from one side, and is checked on arrival.
+    A failure, an expired deadline or a cancelled caller halts all four axes before it is raised.
+    """
+
+    def __init__(self, axes: Mapping[str, Axis], config: GantryConfig) -> None:
+        """Take the axes by the names x, y, z and theta."""
+        if set(axes) != set(AXES):
+            raise ValueError(f"a gantry needs the axes {', '.join(AXES)}; got {', '.join(sorted(axes))}")
+        ranges = {name: (axes[name].config.min_units, axes[name].config.max_units) for name in AXES}
+        low_z_um, high_z_um = ranges["z"]
+        if not low_z_um <= config.safe_z_um <= high_z_um:
+            raise ValueError(f"safe_z_um {config.safe_z_um} is outside of Z {low_z_um}..{high_z_um}")
+        if ranges["theta"][0] < -220.0 or ranges["theta"][1] > 100.0:
+            raise ValueError(f"theta range {ranges['theta']} reaches beyond -220..100 deg")
+        self.config = config
+        self._axes = {name: axes[name] for name in AXES}
+        self._ends = Ends(ranges["x"], ranges["y"], ranges["z"], ranges["theta"])
+        self._moving = False
+        self._log = structlog.get_logger().bind(device=_NAME)
+
+    # ------------------------------------------------------------------ looks
+    async def start(self, deadline: Deadline) -> Mapping[str, AxisFindings]:
+        """Identify and set up all drives. Moves nothing; a drive found running is halted."""
+        return {name: await axis.start(deadline) for name, axis in self._axes.items()}
+
+    async def homed(self, deadline: Deadline | None = None) -> bool:
+        """Ask all drives whether they still have their reference."""
+        return not await self._not_homed(deadline or Deadline.after(2.0))
+
+    async def position(self, deadline: Deadline) -> Position:
+        """Give where the machine is; theta as the axis coordinate (-220..100 deg)."""
+        at = {name: await axis.position(deadline) for name, axis in self._axes.items()}
+        return Position(at["x"], at["y"], at["z"], at["theta"])
+
+    async def health(self, deadline: Deadline) -> tuple[AxisHealth, ...]:
+        """Give what each drive says of itself, in the order x, y, z, theta."""
+        return tuple([await axis.health(deadline) for axis in self._axes.values()])
+
+    @property
+    def moving(self) -> bool:
+        """Tell whether a move or a homing run of this object is under way."""
+        return self._moving
+
+    def check(self, target: Position) -> Position:
+        """Give the target with theta as axis coordinate; raise EnvelopeViolation when it is out of reach."""
+        place = replace(target, theta_deg=axis_theta_deg(target.theta_deg))
+        for name, at in _by_axis(place).items():
+            self._axes[name].check(at)
+        return place
+
+    # ------------------------------------------------------------------ moves
+    async def move_to(self, target: Position, deadline: Deadline) -> Position:
+        """Move to an absolute place and give where the drives report to be.
+
+        Raises EnvelopeViolation or NotHomed before anything moves, MotionTimeout at the deadline, and what the
+        axes raise. Cancellation stops all axes first.
+        """
+        place = self.check(target)
+        async with self._motion():
+            missing = await self._not_homed(deadline)
+            if missing:
+                raise NotHomed(f"no reference on {', '.join(missing)}", device=_NAME)
+            now = await self.position(deadline)
+            for leg in plan(now, place, self.config, self._ends):
+                await self._run(leg, deadline)
+            reached = await self.position(deadline)
+            self._check_arrival(place, reached)
+            return reached
+
+    async def home(self, deadline: Deadline) -> None:
+        """Find the references: Z first and up to the safe height, then theta, then X and Y."""
+        async with self._motion():
+            z, safe_um = self._axes["z"], self.config.safe_z_um
+            await z.home(deadline)
+            if await z.position(deadline) < safe_um:
+                await self._run({"z": safe_um}, deadline)
+            await self._axes["theta"].home(deadline)
+            try:
+                async with asyncio.TaskGroup() as group:
+                    for name in ("x", "y"):
+                        group.create_task(self._axes[name].home(deadline))
+            except BaseExceptionGroup as failures:
+                raise failures.exceptions[0] from failures
+
+    async def _run(self, leg: Leg, deadline: Deadline) -> None:
+        """Start the axes of one leg and poll them all until all are there."""
+        for name, at in leg.items():
+            await self._axes[name].begin_move(at, deadline)
+        under_way = set(leg)
+        while under_way:
+            if deadline.expired:
+                text = f"{', '.join(sorted(under_way))} not there by the deadline"
+                raise MotionTimeout(text, device=_NAME)
+            for name in sorted(under_way):
+                if await self._axes[name].arrived(deadline):
+                    under_way.discard(name)
+            if under_way:
+                await asyncio.sleep(min(self._axes[name].config.poll_s for name in under_way))
+
+    def _check_arrival(self, target: Position, reached: Position) -> None:
+        """Compare all four axes after the move, also those that came to rest legs ago."""
+        wanted, got = _by_axis(target), _by_axis(reached)
+        for name, axis in self._axes.items():
+            error = got[name] - wanted[name]
+            if abs(error) > axis.config.window_units + self._slack(name):
+                text = f"{name} is at {got[name]:.4f}, {error:+.4f} off its target"
+                raise Stalled(text, device=axis.config.name)
+
+    def _slack(self, name: str) -> float:
+        """Give how far off an axis may have been without being moved at all."""
+        if name == "z":
+            return 0.0
+        return self.config.same_place_deg if name == "theta" else self.config.same_place_um
+
+    # ------------------------------------------------------------------ stops
+    async def quick_stop(self) -> None:
+        """Stop all axes on their quick-stop ramps, each whatever the others do; then raise the first failure.
+
+        Gets through while a move is under way, which then ends with EmergencyStop. Finished even if the caller
+        is cancelled.
+        """
+        await finish(self._quick_stop_all())
+
+    async def _quick_stop_all(self) -> None:
+        results = await asyncio.gather(*(axis.quick_stop() for axis in self._axes.values()), return_exceptions=True)
+        failures = [result for result in results if isinstance(result, BaseException)]
+        for failure in failures:
+            self._log.error("gantry.quick_stop_failed", cause=str(failure))
+        if failures:
+            raise failures[0]
+
+    async def reset(self, deadline: Deadline) -> None:
+        """Clear the faults of all drives; raise DriveFault when a cause is still there. Moves nothing."""
+        for axis in self._axes.values():
+            await axis.reset_fault(deadline)
+
+    @asynccontextmanager
+    async def _motion(self) -> AsyncIterator[None]:
+        if self._moving:
+            raise MotionError("a move is under way", device=_NAME, advice="Wait for it, or stop it first.")
+        self._moving = True
+        for axis in self._axes.values():
+            axis.release()
+        try:
+            yield
+        except BaseException as exc:
+            self._log.warning("gantry.stopping", cause=f"{type(exc).__name__}: {exc}")
+            await finish(self._halt_all())
+            raise
+        finally:
+            self._moving = False
+
+    async def _halt_all(self) -> None:
+        await asyncio.gather(*(axis.halt_if_possible() for axis in self._axes.values()))
+
+    async def _not_homed(self, deadline: Deadline) -> list[str]:
+        return [name for name, axis in self._axes.items() if not await axis.homed(deadline)]
+
+
+def _by_axis(place: Position) -> dict[str, float]:
+    return {"x": place.x_um, "y": place.y_um, "z": place.z_um, "theta": place.theta_deg}

@@ -1,0 +1,46 @@
+"""When a positioning move is over, and when it never will be. Pure: time is an argument."""
+
+from drivers.errors import LimitHit, MotionError, Stalled
+from drivers.l4118.contract import AxisConfig, AxisStatus
+
+
+class ArrivalWatch:
+    """Judges the looks at one axis between the acknowledged set-point and the end of the move."""
+
+    def __init__(self, config: AxisConfig, start_units: float, target_units: float, now_s: float) -> None:
+        self._config = config
+        self._target_units = target_units
+        # In the motor's sense: the limit switches are the motor's
+        self._sense = (target_units - start_units) * config.increments_per_unit
+        self._last_units = start_units
+        self._moved_at_s = now_s
+
+    def arrived(self, status: AxisStatus, now_s: float) -> bool:
+        """Tell whether the axis stands on its target; raise LimitHit or Stalled when it cannot get there."""
+        config = self._config
+        error_units = status.position_units - self._target_units
+        inside = abs(error_units) <= config.window_units
+        if status.target_reached and inside:
+            return True
+        if status.mode_error:
+            raise Stalled("following error: the axis does not follow", device=config.name)
+        if not inside:
+            self._check_limits(status)
+        if abs(status.position_units - self._last_units) > config.window_units / 2:
+            self._last_units, self._moved_at_s = status.position_units, now_s
+        elif now_s - self._moved_at_s > config.stall_s:
+            raise self._stuck(status, error_units)
+        return False
+
+    def _check_limits(self, status: AxisStatus) -> None:
+        where = f"at {status.position_units:.3f}, on the way to {self._target_units:.3f}"
+        if self._sense < 0 and status.negative_limit:
+            raise LimitHit(f"negative limit switch {where}", device=self._config.name)
+        if self._sense > 0 and status.positive_limit:
+            raise LimitHit(f"positive limit switch {where}", device=self._config.name)
+
+    def _stuck(self, status: AxisStatus, error_units: float) -> MotionError:
+        where = f"stands at {status.position_units:.3f}, {abs(error_units):.3f} short of {self._target_units:.3f}"
+        if status.limit_exceeded:
+            return LimitHit(f"{where}: the drive reports an internal limit", device=self._config.name)
+        return Stalled(where, device=self._config.name)

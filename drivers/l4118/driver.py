@@ -1,0 +1,354 @@
+"""One axis: a CiA 402 drive over the bus."""
+
+import asyncio
+import time
+from collections.abc import Callable
+from typing import Final
+
+import structlog
+
+from drivers.bus import ModbusBus
+from drivers.deadline import Deadline
+from drivers.errors import (
+    DeviceError,
+    DeviceRefused,
+    DriveFault,
+    EmergencyStop,
+    EnvelopeViolation,
+    LimitHit,
+    MotionError,
+    MotionTimeout,
+    NotHomed,
+    Stalled,
+)
+from drivers.l4118 import objects as od
+from drivers.l4118.access import DriveAccess
+from drivers.l4118.arrival import ArrivalWatch
+from drivers.l4118.contract import AxisConfig, AxisFindings, AxisHealth, AxisStatus
+from drivers.l4118.objects import Control, Mode, State
+from drivers.l4118.startup import prepare
+from drivers.l4118.units import SpeedUnit
+from drivers.shielded import finish
+
+# Time given to a stop, which must end by itself even when everything else is broken
+STOP_S: Final = 3.0
+# Homing where the axis stands: nothing turns, so the status never shows it under way
+_HOMING_IN_PLACE = frozenset({35, 37})
+_STOPS = frozenset({Control.DISABLE_VOLTAGE, Control.QUICK_STOP, Control.SHUTDOWN, Control.HALT})
+
+
+class Axis:
+    """One axis, in its own unit (um or deg). Call `start` first; it moves nothing.
+
+    Moves are absolute only: repeating one cannot double it. `halt` and `quick_stop` win over a move that is
+    going on in another task: its next command raises EmergencyStop instead of starting the drive again.
+    """
+
+    def __init__(self, bus: ModbusBus, config: AxisConfig) -> None:
+        self.config = config
+        self._drive = DriveAccess(bus, config)
+        self._speed: SpeedUnit | None = None
+        self._watch: ArrivalWatch | None = None
+        self._stopped = False
+        # Keeps the order of control words: a repeated one must not overtake a stop
+        self._commanding = asyncio.Lock()
+        self._log = structlog.get_logger().bind(device=config.name)
+
+    # ------------------------------------------------------------------ start and looks
+    async def start(self, deadline: Deadline) -> AxisFindings:
+        """Identify the drive, settle its open points, set units, ramps and limits. Moves nothing."""
+        findings, self._speed = await prepare(self._drive, deadline)
+        config, drive = self.config, self._drive
+        ramp = self._counts(config.acceleration_units_s2)
+        for entry in (od.PROFILE_ACCELERATION, od.PROFILE_DECELERATION, od.QUICK_STOP_DECELERATION):
+            await drive.write_checked(entry, ramp, deadline)
+        drive.velocity_counts = self._counts(config.speed_units_s)
+        if findings.homed:
+            await self._write_limits(deadline)
+        return findings
+
+    async def status(self, deadline: Deadline) -> AxisStatus:
+        """Look at the axis."""
+        return await self._drive.status(deadline)
+
+    async def position(self, deadline: Deadline) -> float:
+        """Give where the axis is, in its unit."""
+        # By FC 43: right even after a power cut has put the drive's own mapping back
+        return self.config.to_units(await self._drive.read(od.POSITION_ACTUAL, deadline))
+
+    async def homed(self, deadline: Deadline) -> bool:
+        """Ask the drive for our marker: it is gone once the drive has lost power or the settings changed."""
+        return await self._drive.read(od.HOMED_MARKER, deadline) == self.config.homed_marker
+
+    async def health(self, deadline: Deadline) -> AxisHealth:
+        """Collect what the drive says of itself, by FC 43: right whatever the process image holds."""
+        drive = self._drive
+        status = AxisStatus(
+            statusword=await drive.read(od.STATUSWORD, deadline),
+            mode=await drive.read(od.MODE_DISPLAY, deadline),
+            position_units=await self.position(deadline),
+            inputs=await drive.read(od.DIGITAL_INPUTS, deadline),
+        )
+        following = await drive.read_if_there(od.FOLLOWING_ERROR, deadline)
+        return AxisHealth(
+            name=self.config.name,
+            state=status.state.value if status.state else f"unknown ({status.statusword:04X}h)",
+            homed=await self.homed(deadline),
+            position_units=status.position_units,
+            error_code=await drive.read(od.ERROR_CODE, deadline),
+            error_meaning=od.error_meaning(await drive.read_if_there(od.ERROR_STACK_TOP, deadline) or 0),
+            warning=bool(status.statusword & od.SW_WARNING),
+            negative_limit=status.negative_limit,
+            positive_limit=status.positive_limit,
+            following_error_units=None if following is None else following / self.config.increments_per_unit,
+        )
+
+    # ------------------------------------------------------------------ moves
+    def check(self, target_units: float) -> None:
+        """Raise EnvelopeViolation when the target is outside of the axis' range."""
+        low, high = self.config.min_units, self.config.max_units
+        if not low <= target_units <= high:
+            text = f"target {target_units:.3f} is outside of {low:.3f}..{high:.3f}"
+            raise EnvelopeViolation(text, device=self.config.name)
+
+    def release(self) -> None:
+        """Allow moves again after a stop or a failure; only the owner of the machine decides that."""
+        self._stopped = False
+
+    async def move_to(self, target_units: float, deadline: Deadline) -> AxisStatus:
+        """Move to an absolute position and wait until it is there; any failure or cancellation halts the axis."""
+        self.check(target_units)
+        if not await self.homed(deadline):
+            raise NotHomed("no reference", device=self.config.name)
+        try:
+            await self.begin_move(target_units, deadline)
+            while not await self.arrived(deadline):
+                await self._pause(deadline, f"move to {target_units:.3f}")
+        except BaseException:
+            await finish(self.halt_if_possible())
+            raise
+        return await self.status(deadline)
+
+    async def begin_move(self, target_units: float, deadline: Deadline) -> None:
+        """Start an absolute move: returns when the drive has acknowledged the set-point."""
+        self.check(target_units)
+        await self._enable(Mode.PROFILE_POSITION, deadline)
+        drive = self._drive
+        drive.target_increments = self.config.to_increments(target_units)
+        limit = deadline.within(self.config.state_timeout_s)
+        before = await self._command(Control.ENABLE, deadline)
+        # Bit 12 of the former set-point must be gone, else it would be taken for ours
+        await self._until(lambda s: not s.acknowledged, limit, "old set-point acknowledge did not clear", deadline)
+        await self._command(Control.NEW_SET_POINT, deadline)
+        limit = deadline.within(self.config.state_timeout_s)
+        await self._until(lambda s: s.acknowledged, limit, "set-point was not acknowledged", deadline)
+        await self._command(Control.ENABLE, deadline)
+        self._watch = ArrivalWatch(self.config, before.position_units, target_units, time.monotonic())
+
+    async def arrived(self, deadline: Deadline) -> bool:
+        """Look at a move begun before; raise LimitHit, Stalled, DriveFault or EmergencyStop when it failed."""
+        if self._watch is None:
+            raise MotionError("no move was begun", device=self.config.name)
+        status = await self.status(deadline)
+        await self._must_run(status, deadline)
+        return self._watch.arrived(status, time.monotonic())
+
+    async def home(self, deadline: Deadline) -> None:
+        """Find the reference; leaves the marker in the drive. Any failure or cancellation halts the axis."""
+        limit = deadline.within(self.config.homing.timeout_s)
+        try:
+            await self.start(limit)
+            await self._prepare_homing(limit)
+            await self._run_homing(limit)
+        except BaseException:
+            await finish(self.halt_if_possible())
+            raise
+        await self._write_limits(deadline)
+        await self._drive.write_checked(od.HOMED_MARKER, self.config.homed_marker, deadline)
+        self._log.info("axis.homed")
+
+    async def _prepare_homing(self, deadline: Deadline) -> None:
+        drive, homing = self._drive, self.config.homing
+        # From here on the old reference is not to be trusted, whatever comes
+        await drive.write_checked(od.HOMED_MARKER, 0, deadline)
+        for entry, value in (
+            (od.SOFTWARE_LIMIT_MIN, 0),
+            (od.SOFTWARE_LIMIT_MAX, 0),
+            (od.HOME_OFFSET, 0),
+            (od.HOMING_METHOD, homing.method),
+            (od.HOMING_SPEED_SWITCH, self._counts(homing.switch_speed_units_s)),
+            (od.HOMING_SPEED_ZERO, self._counts(homing.zero_speed_units_s)),
+            (od.HOMING_ACCELERATION, self._counts(homing.acceleration_units_s2)),
+        ):
+            await drive.write_checked(entry, value, deadline)
+
+    async def _run_homing(self, deadline: Deadline) -> None:
+        await self._enable(Mode.HOMING, deadline)
+        stale = (await self._command(Control.ENABLE, deadline)).acknowledged
+        await self._command(Control.START, deadline)
+        if stale and self.config.homing.method not in _HOMING_IN_PLACE:
+            limit = deadline.within(self.config.state_timeout_s)
+            await self._until(lambda s: not s.acknowledged, limit, "homing did not start", deadline)
+        status = await self.status(deadline)
+        while not (status.acknowledged and status.target_reached):
+            if status.mode_error:
+                text = f"homing method {self.config.homing.method} failed (status {status.statusword:04X}h)"
+                raise MotionError(text, device=self.config.name, advice="Check the home and limit switches.")
+            await self._pause(deadline, "homing")
+            status = await self.status(deadline)
+            await self._must_run(status, deadline)
+        await self._command(Control.ENABLE, deadline)
+
+    # ------------------------------------------------------------------ stops
+    async def halt(self) -> None:
+        """Ramp down, wait until the axis stands, switch off (a halt released would finish the old move).
+
+        Has its own deadline of a few seconds. Raises what the link or the drive raises.
+        """
+        self._stopped, self._watch = True, None
+        deadline = Deadline.after(STOP_S)
+        status = await self.status(deadline)
+        if status.state is not State.OPERATION_ENABLED:
+            return
+        status = await self._command(Control.HALT, deadline)
+        while status.state is State.OPERATION_ENABLED and not status.target_reached:
+            if deadline.expired:
+                break  # switching off below stops it too, only harder
+            await asyncio.sleep(self.config.poll_s)
+            status = await self.status(deadline)
+        await self._command(Control.SHUTDOWN, Deadline.after(STOP_S))
+
+    async def halt_if_possible(self) -> None:
+        """Halt as the answer to another failure, which must not be hidden: what goes wrong here is only logged."""
+        try:
+            await self.halt()
+        except DeviceError as exc:
+            self._log.error("axis.halt_failed", cause=str(exc))
+
+    async def quick_stop(self) -> None:
+        """Stop on the quick-stop ramp (6085h). Has its own deadline; homing is kept.
+
+        By FC 43: after a power cut the image would carry our target into some other object.
+        """
+        self._stopped, self._watch = True, None
+        async with self._commanding:
+            await self._drive.write(od.CONTROLWORD, Control.QUICK_STOP, Deadline.after(STOP_S))
+
+    async def reset_fault(self, deadline: Deadline) -> None:
+        """Clear a fault by the rising edge of bit 7; raise DriveFault when the cause is still there."""
+        status = await self.status(deadline)
+        if status.state not in (State.FAULT, State.FAULT_REACTION):
+            return
+        limit = deadline.within(self.config.state_timeout_s)
+        await self._command(Control.DISABLE_VOLTAGE, deadline)
+        await self._command(Control.FAULT_RESET, deadline)
+        while (status := await self.status(deadline)).state in (State.FAULT, State.FAULT_REACTION):
+            if limit.expired:
+                raise await self._fault(deadline)
+            await asyncio.sleep(self.config.poll_s)
+        await self._command(Control.DISABLE_VOLTAGE, deadline)
+
+    # ------------------------------------------------------------------ the power machine
+    async def _enable(self, mode: Mode, deadline: Deadline) -> None:
+        """Bring the drive to operation enabled in `mode`, which 6061h must show before any start edge."""
+        if self._speed is None:
+            raise MotionError("start() has not run", device=self.config.name, advice="Call start first.")
+        status = await self.status(deadline)
+        if status.state in (State.FAULT, State.FAULT_REACTION):
+            raise await self._fault(deadline)
+        if status.state is State.OPERATION_ENABLED and status.mode == mode:
+            return
+        await self._step(Control.DISABLE_VOLTAGE, State.SWITCH_ON_DISABLED, deadline)
+        await self._drive.write(od.MODE, mode, deadline)
+        # A start from standstill: the old target must not be the first thing the drive sees
+        self._drive.target_increments = self.config.to_increments(status.position_units)
+        await self._step(Control.SHUTDOWN, State.READY, deadline)
+        await self._step(Control.SWITCH_ON, State.SWITCHED_ON, deadline)
+        await self._step(Control.ENABLE, State.OPERATION_ENABLED, deadline)
+        limit = deadline.within(self.config.state_timeout_s)
+        await self._until(lambda s: s.mode == mode, limit, f"6061h does not show mode {mode.value}", deadline)
+
+    async def _step(self, control: Control, wanted: State, deadline: Deadline) -> None:
+        limit = deadline.within(self.config.state_timeout_s)
+        status = await self._command(control, deadline)
+        while status.state is not wanted:
+            if status.state is State.FAULT:
+                raise await self._fault(deadline)
+            if limit.expired:
+                raise self._no_step(control, wanted, status)
+            await asyncio.sleep(self.config.poll_s)
+            status = await self.status(deadline)
+
+    def _no_step(self, control: Control, wanted: State, status: AxisStatus) -> MotionError:
+        found = status.state.value if status.state else "unknown"
+        text = f"control word {control:04X}h leads to '{found}', not '{wanted.value}' (status {status.statusword:04X}h)"
+        if not status.voltage:
+            return EmergencyStop(f"{text}; the drive has no motor voltage", device=self.config.name)
+        return MotionTimeout(text, device=self.config.name)
+
+    async def _command(self, control: Control, deadline: Deadline) -> AxisStatus:
+        async with self._commanding:
+            if self._stopped and control not in _STOPS:
+                raise EmergencyStop("stopped while moving", device=self.config.name)
+            return await self._drive.command(control, deadline)
+
+    async def _until(
+        self, holds: Callable[[AxisStatus], bool], limit: Deadline, otherwise: str, deadline: Deadline
+    ) -> None:
+        while True:
+            status = await self.status(deadline)
+            if holds(status):
+                return
+            await self._must_run(status, deadline)
+            if limit.expired:
+                text = f"{otherwise} (status {status.statusword:04X}h)"
+                raise MotionTimeout(text, device=self.config.name)
+            await asyncio.sleep(self.config.poll_s)
+
+    async def _pause(self, deadline: Deadline, doing: str) -> None:
+        if deadline.expired:
+            raise MotionTimeout(f"{doing} was not over by its deadline", device=self.config.name)
+        await asyncio.sleep(self.config.poll_s)
+
+    # ------------------------------------------------------------------ what went wrong
+    async def _must_run(self, status: AxisStatus, deadline: Deadline) -> None:
+        """Raise what happened when the drive is no longer in operation enabled."""
+        if status.state is State.OPERATION_ENABLED:
+            return
+        if status.state in (State.FAULT, State.FAULT_REACTION):
+            raise await self._fault(deadline)
+        if self._watch is not None and not await self.homed(deadline):
+            raise NotHomed("the drive lost power while moving", device=self.config.name)
+        found = status.state.value if status.state else f"status {status.statusword:04X}h"
+        raise EmergencyStop(f"switched off while moving ({found})", device=self.config.name)
+
+    async def _fault(self, deadline: Deadline) -> MotionError:
+        """Read the error and put it into the right class."""
+        try:
+            code = await self._drive.read(od.ERROR_CODE, deadline)
+            entry = await self._drive.read_if_there(od.ERROR_STACK_TOP, deadline) or 0
+        except DeviceRefused as exc:
+            return DriveFault(f"fault; its error cannot be read: {exc}", device=self.config.name, code=exc.code)
+        text = f"fault {code:04X}h: {od.error_meaning(entry) or 'no entry in the error stack'}"
+        if entry and entry >> 24 in od.LIMIT_NUMBERS:
+            return LimitHit(text, device=self.config.name)
+        if entry and entry >> 24 in od.BLOCKED_NUMBERS:
+            return Stalled(text, device=self.config.name)
+        return DriveFault(text, device=self.config.name, code=code)
+
+    # ------------------------------------------------------------------ small things
+    def _counts(self, units_s: float) -> int:
+        if self._speed is None:
+            raise MotionError("start() has not run", device=self.config.name, advice="Call start first.")
+        wanted = units_s * abs(self.config.increments_per_unit)
+        counts = self._speed.counts(wanted)
+        real = counts * self._speed.increments_s
+        if abs(real - wanted) > 0.25 * wanted:
+            self._log.warning("axis.coarse_speed_unit", wanted_increments_s=wanted, set_increments_s=real)
+        return counts
+
+    async def _write_limits(self, deadline: Deadline) -> None:
+        """Give the drive the axis' range as 607Dh, so that it guards it too."""
+        ends = sorted(map(self.config.to_increments, (self.config.min_units, self.config.max_units)))
+        await self._drive.write_checked(od.SOFTWARE_LIMIT_MIN, ends[0], deadline)
+        await self._drive.write_checked(od.SOFTWARE_LIMIT_MAX, ends[1], deadline)

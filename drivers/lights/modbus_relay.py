@@ -1,0 +1,71 @@
+"""Two lamp rings on a Modbus relay board (coils, as on an 8 channel RTU relay)."""
+
+import asyncio
+from typing import Self
+
+from drivers.bus import ModbusBus
+from drivers.deadline import Deadline
+from drivers.errors import DeviceError, LightError
+from drivers.lights.contract import Light
+from drivers.shielded import finish
+
+# Time given to going dark when closing
+_CLOSE_S = 2.0
+
+
+class ModbusRelayLights:
+    """Switches both rings with one FC 15 write, so they never overlap, and reads the coils back (FC 1)."""
+
+    def __init__(
+        self, bus: ModbusBus, address: int, white_coil: int = 0, red_coil: int = 1, settle_s: float = 0.05
+    ) -> None:
+        if abs(white_coil - red_coil) != 1:
+            raise ValueError("the two rings must sit on neighbouring coils to be switched by one request")
+        self._bus = bus
+        self._address = address
+        self._first = min(white_coil, red_coil)
+        self._white_first = white_coil < red_coil
+        self._settle_s = settle_s
+        self._switching = asyncio.Lock()
+        bus.label(address, "lights")
+
+    @classmethod
+    async def open(
+        cls,
+        bus: ModbusBus,
+        address: int,
+        white_coil: int = 0,
+        red_coil: int = 1,
+        *,
+        settle_s: float = 0.05,
+        deadline: Deadline,
+    ) -> Self:
+        """Make the lights and go dark: the relay's state is unknown before."""
+        lights = cls(bus, address, white_coil, red_coil, settle_s)
+        await lights.set(Light.OFF, deadline)
+        return lights
+
+    @property
+    def settle_s(self) -> float:
+        """Time from a switch until the light is steady (relay contact, lamp and driver)."""
+        return self._settle_s
+
+    async def set(self, light: Light, deadline: Deadline) -> None:
+        """Switch by levels and read back; raise LightError when the board shows something else."""
+        wanted = (light is Light.WHITE, light is Light.RED)
+        coils = wanted if self._white_first else wanted[::-1]
+        async with self._switching:
+            try:
+                await self._bus.write_coils(self._address, self._first, coils, deadline)
+                seen = await self._bus.read_coils(self._address, self._first, 2, deadline)
+            except LightError:
+                raise
+            except DeviceError as exc:
+                raise LightError(f"cannot switch to {light.value}: {exc}", device="lights", advice=exc.advice) from exc
+        if seen != coils:
+            text = f"switched to {light.value}, but the coils from {self._first} read {seen}"
+            raise LightError(text, device="lights")
+
+    async def close(self) -> None:
+        """Go dark, also when the caller is cancelled; the bus stays open for its other slaves."""
+        await finish(self.set(Light.OFF, Deadline.after(_CLOSE_S)))

@@ -1,0 +1,1 @@
+"""A simulated station that is reached by the real wires only."""

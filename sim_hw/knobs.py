@@ -1,0 +1,142 @@
+"""Every imperfection of the simulated station and every unsettled point of the drive manual, as one frozen value."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields, replace
+from types import UnionType
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+
+
+@dataclass(frozen=True)
+class Knobs:
+    """Hold all knobs; `None` means "drawn from the seed". Names are those of `--set` and of the bench `set`."""
+
+    # --- the board in its fixture: translation and rotation about the outline's centre, height, tilt
+    board_dx_um: float | None = None
+    board_dy_um: float | None = None
+    board_rotation_deg: float | None = None
+    board_dz_um: float | None = None
+    board_tilt_x_um_per_mm: float | None = None
+    board_tilt_y_um_per_mm: float | None = None
+    board_shift_max_um: float = 200.0
+    board_rotation_max_deg: float = 0.2
+    board_height_sigma_um: float = 15.0
+    board_tilt_sigma_um_per_mm: float = 0.2
+
+    # --- where the axes stand at power-up (X and Y 5..15 mm from home, Z high, theta anywhere)
+    x_start_um: float | None = None
+    y_start_um: float | None = None
+    z_start_um: float | None = None
+    theta_start_deg: float | None = None
+
+    # --- mechanics
+    x_backlash_um: float = 15.0
+    y_backlash_um: float = 15.0
+    z_backlash_um: float = 0.0
+    theta_backlash_deg: float = 0.0
+    #: Planar error of a stop, one sigma; each of X and Y draws it divided by sqrt(2).
+    repeatability_um: float = 8.0
+    z_repeatability_um: float = 2.0
+    theta_repeatability_deg: float = 0.0
+    #: How well a homing finds the same edge again, one sigma.
+    home_repeatability_um: float = 3.0
+    theta_home_repeatability_deg: float = 0.01
+    #: Slip of a linear axis whose power is cut while it moves, one sigma.
+    estop_slip_um: float = 40.0
+    head_runout_scale: float = 1.0
+
+    # --- lights
+    lamp_rise_s: float = 0.015
+    relay_delay_s: float = 0.008
+    relay_bounce_s: float = 0.002
+
+    # --- the picture; read by the camera
+    camera_frame_period_s: float = 1.0 / 15.0
+    camera_blur_px: float = 1.0
+    camera_noise_grey: float = 3.0
+    camera_falloff: float = 0.15
+    #: Chance of a glint in a frame.
+    camera_glint: float = 0.3
+    #: Spread of the tip's place in the image between stops, one sigma.
+    camera_flex_px: float = 0.7
+
+    # --- the line
+    think_min_ms: float = 1.0
+    think_max_ms: float = 2.0
+    #: A request that begins sooner than this after the last reply is lost (drive manual, "General"); paced line only.
+    bus_gap_ms: float = 3.0
+
+    # --- drive configuration as saved in its memory
+    position_unit: int = 0x00B50000
+    speed_unit: int = 0x00B44700
+    special_function_enable: int = 0x7
+    quick_stop_option: int = 2
+
+    #: A drive does not answer for so long after power-up.
+    drive_boot_s: float = 0.5
+
+    # --- points the drive manual leaves open
+    fc43_index_order: Literal["big", "little"] = "big"
+    #: Accepted NODE byte: -1 takes the slave's own id or 1, any other value only itself.
+    fc43_node: int = -1
+    fc43_write_flag: int = 0x01
+    fc43_write_num: Literal["echo", "zero"] = "echo"
+    fc43_abort_order: Literal["big", "little"] = "little"
+    word_order: Literal["high", "low"] = "high"
+    #: Position shown at the home edge is this sign times 607Ch (CiA 402: zero = home + offset, hence -1).
+    home_offset_sign: int = -1
+    #: What happens to a target outside 607Dh.
+    outside_limits: Literal["refuse", "clamp"] = "refuse"
+
+    def with_value(self, name: str, value: object) -> Knobs:
+        """Return the knobs with one changed; text is converted to the knob's type.
+
+        Raises:
+            ValueError: no such knob, or the value does not fit its type.
+
+        """
+        hints = get_type_hints(type(self))
+        if name not in hints:
+            raise ValueError(f"unknown knob {name!r}; known: {', '.join(self.names())}")
+        changed: dict[str, Any] = {name: _converted(name, hints[name], value)}
+        return replace(self, **changed)
+
+    @classmethod
+    def names(cls) -> tuple[str, ...]:
+        """Return the names of all knobs."""
+        return tuple(field.name for field in fields(cls))
+
+
+def _converted(name: str, hint: object, value: object) -> object:
+    options = get_args(hint)
+    if get_origin(hint) is Literal:
+        if value not in options:
+            raise ValueError(f"knob {name!r} must be one of {', '.join(map(str, options))}, not {value!r}")
+        return value
+    if get_origin(hint) in (Union, UnionType):
+        if value is None or value in ("none", "None"):
+            return None
+        hint = options[0]
+    try:
+        number = _number(value)
+    except ValueError:
+        raise ValueError(f"knob {name!r} must be a number, not {value!r}") from None
+    if hint is not int:
+        return float(number)
+    if number != int(number):
+        raise ValueError(f"knob {name!r} must be a whole number, not {value!r}")
+    return int(number)
+
+
+def _number(value: object) -> float | int:
+    """Return a finite number from JSON or text (hexadecimal too)."""
+    if isinstance(value, str):
+        number: float | int = int(value, 0) if value.lower().startswith("0x") else float(value)
+    elif isinstance(value, int | float) and not isinstance(value, bool):
+        number = value
+    else:
+        raise ValueError(value)  # noqa: TRY004 - the caller turns every unfit value into one message
+    if not math.isfinite(number):
+        raise ValueError(value)
+    return number

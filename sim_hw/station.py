@@ -1,0 +1,208 @@
+"""The simulated station: plant, slaves, line, camera, truth log and bench socket, started and ended together."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import signal
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from sim_hw.axis import SPECS
+from sim_hw.bench import BenchServer
+from sim_hw.board import Board, load_board
+from sim_hw.camera import CameraServer
+from sim_hw.clock import SimClock
+from sim_hw.faults import Faults
+from sim_hw.knobs import Knobs
+from sim_hw.l4118 import L4118
+from sim_hw.line import Line
+from sim_hw.modbus import Slave
+from sim_hw.plant import Placement, Plant
+from sim_hw.relay import Relay
+from sim_hw.truth import TruthLog, truth_record
+
+RELAY_ADDRESS = 5
+
+
+@dataclass(frozen=True)
+class StationOptions:
+    """Everything a simulated station is started with."""
+
+    board: Path
+    side: Literal["top", "bottom"]
+    seed: int
+    speed: float
+    line: Path
+    camera: str
+    bench: str
+    truth: Path
+    paced: bool
+    knobs: Knobs
+
+
+class Station:
+    """Own the parts; `run` serves until asked to end."""
+
+    def __init__(self, options: StationOptions) -> None:
+        self.options = options
+        self.board: Board = load_board(options.board, options.side)
+        self.clock = SimClock(options.speed)
+        self.faults = Faults()
+        self.plant = Plant(options.knobs, Placement(*self.board.outline_mm, options.side), self.faults, options.seed)
+        self.drives = {spec.address: L4118(spec, self.plant) for spec in SPECS}
+        slaves: dict[int, Slave] = {**self.drives, RELAY_ADDRESS: Relay(self.plant)}
+        self._line = Line(
+            slaves, self.clock, self.faults, lambda: self.plant.knobs, seed=options.seed, paced=options.paced
+        )
+        self._end = asyncio.Event()
+        self._ordered = asyncio.Event()
+        self._settled_s = 0.0
+
+    async def run(self, ready: Callable[[Mapping[str, Any]], None]) -> None:
+        """Serve until `shutdown`, SIGTERM or SIGINT; call `ready` once everything is served.
+
+        Raises:
+            OSError: a file, the line or a socket cannot be opened.
+
+        """
+        options, loop = self.options, asyncio.get_running_loop()
+        for number in (signal.SIGTERM, signal.SIGINT):
+            loop.add_signal_handler(number, self._end.set)
+        async with contextlib.AsyncExitStack() as stack:
+            log = TruthLog(options.truth)
+            stack.callback(log.close)
+            self._connect(log)
+            bench = BenchServer(self, options.bench)
+            stack.callback(bench.close)
+            camera = CameraServer(
+                self.plant, self.board, self.clock, options.camera, self.faults, options.knobs, options.seed
+            )
+            tasks = [loop.create_task(part) for part in (bench.serve(), camera.serve(), self._follow(log))]
+            stack.push_async_callback(_cancel, tasks)
+            await _first(loop.create_task(camera.ready.wait()), tasks)
+            self._line.open(options.line)
+            stack.callback(self._line.close)
+            ready(self._facts())
+            await _first(loop.create_task(self._end.wait()), tasks)
+
+    # --- the bench's commands
+
+    def status(self) -> dict[str, Any]:
+        """Return time, motion, line and fault facts."""
+        t_s = self.clock.now_s()
+        self._update(t_s)
+        return {
+            **self._facts(),
+            "t_s": t_s,
+            "speed": self.clock.speed,
+            "seed": self.options.seed,
+            "moving": self.plant.state_at(t_s).moving,
+            "drives": {drive.spec.name: drive.drive.state.name.lower() for drive in self.drives.values()},
+            "statistics": vars(self._line.statistics).copy(),
+            "faults": [name for name, fault in self.faults.listing().items() if fault["on"]],
+        }
+
+    def truth(self) -> dict[str, Any]:
+        """Return the truth record of now."""
+        t_s = self.clock.now_s()
+        self._update(t_s)
+        state = self.plant.state_at(t_s)
+        return {
+            **truth_record(self.plant, self.board.targets, t_s),
+            "moving": state.moving,
+            "white": state.white,
+            "red": state.red,
+        }
+
+    def faults_listing(self) -> dict[str, Any]:
+        """Return every fault with its state and parameters."""
+        return {"faults": self.faults.listing()}
+
+    def fault(self, name: str, parameters: Mapping[str, Any], *, on: bool) -> None:
+        """Switch a fault; what happened before counts with the old state of things."""
+        self._update(self.clock.now_s())
+        self.faults.switch(name, on=on, **parameters)
+
+    def set_knob(self, name: str, value: object) -> None:
+        """Turn a knob."""
+        self.plant.set_knob(name, value)
+        self.plant.note(self.clock.now_s(), "set", {"name": name, "value": value})
+
+    def power_cycle(self) -> None:
+        """Cut and restore the drives' power."""
+        t_s = self.clock.now_s()
+        for drive in self.drives.values():
+            drive.power_cycle(t_s)
+        self.plant.note(t_s, "power_cycle", {})
+        self._ordered.set()
+
+    def shutdown(self) -> None:
+        """End the station, after the reply is sent."""
+        asyncio.get_running_loop().call_later(0.05, self._end.set)
+
+    # --- inside
+
+    def _connect(self, log: TruthLog) -> None:
+        """Send what happens to the truth log and wake `_follow` when something is ordered."""
+        options = self.options
+        log.start(self.plant, {"board": str(options.board), "side": options.side, "speed": options.speed})
+        self.plant.note = lambda t_s, event, facts: log.write(event, {"t_s": t_s, **facts})
+        self.plant.listen(self._ordered.set)
+        self.faults.listen(self._fault_changed)
+
+    def _fault_changed(self, name: str, on: bool, parameters: Mapping[str, Any]) -> None:  # noqa: FBT001 - faults.Listener
+        self.plant.note(self.clock.now_s(), "fault", {"name": name, "on": on, **parameters})
+        self._ordered.set()
+
+    def _update(self, t_s: float) -> None:
+        for drive in self.drives.values():
+            drive.drive.update(t_s)
+
+    async def _follow(self, log: TruthLog) -> None:
+        """Let the drives act when something is due although nobody asks, and log every coming to rest."""
+        while True:
+            self._ordered.clear()
+            t_s = self.clock.now_s()
+            self._update(t_s)
+            rest_s = self.plant.rest_s()
+            if self._settled_s < rest_s <= t_s:
+                self._settled_s = rest_s
+                log.write("settled", truth_record(self.plant, self.board.targets, rest_s))
+            due = [drive.drive.next_event_s() for drive in self.drives.values()]
+            due += [rest_s if rest_s > t_s else None]
+            next_s = min((when_s for when_s in due if when_s is not None), default=None)
+            delay_s = None if next_s is None else self.clock.wall_delay(next_s - self.clock.now_s())
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._ordered.wait(), delay_s)
+
+    def _facts(self) -> dict[str, Any]:
+        options = self.options
+        return {
+            "line": str(options.line),
+            "pty": self._line.pty,
+            "camera": options.camera,
+            "bench": options.bench,
+            "truth": str(options.truth),
+            "pid": os.getpid(),
+        }
+
+
+async def _first(awaited: asyncio.Task[Any], parts: list[asyncio.Task[Any]]) -> None:
+    """Wait for one task; if a part of the station ends instead, raise its error."""
+    await asyncio.wait([awaited, *parts], return_when=asyncio.FIRST_COMPLETED)
+    if awaited.done():
+        return
+    awaited.cancel()
+    for part in parts:
+        if part.done():
+            part.result()
+
+
+async def _cancel(tasks: list[asyncio.Task[Any]]) -> None:
+    for task in tasks:
+        task.cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)

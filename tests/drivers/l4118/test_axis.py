@@ -1,0 +1,455 @@
+"""One axis over real bytes: start, states, moves, homing, stops."""
+
+import asyncio
+import dataclasses
+
+import pytest
+
+from drivers.bus import OdAddressing
+from drivers.deadline import Deadline
+from drivers.errors import (
+    DriveFault,
+    EmergencyStop,
+    EnvelopeViolation,
+    LimitHit,
+    LinkTimeout,
+    MotionError,
+    MotionTimeout,
+    NotHomed,
+    ReplyError,
+    Stalled,
+)
+from drivers.l4118 import Axis, AxisConfig, HomingConfig
+from drivers.l4118.image import RX_WANTED, TX_WANTED
+from tests.drivers.peers.drive import DEFAULT_TX, DriveModel, Variant
+
+CONFIG = AxisConfig(
+    "Z", 3, 1638.4, 0.0, 30000.0, 20000.0, 100000.0, 1.0, poll_s=0.001, stall_s=0.1, state_timeout_s=0.2
+)
+
+
+@pytest.fixture
+def make_axis(make_line, open_bus):
+    async def make(drive: DriveModel, config: AxisConfig = CONFIG, **bus: object) -> Axis:
+        return Axis(await open_bus(make_line(drive.answer), **bus), config)
+
+    return make
+
+
+@pytest.fixture
+async def homed(make_axis, soon):
+    drive = DriveModel(3)
+    axis = await make_axis(drive)
+    await axis.home(soon)
+    drive.log.clear()
+    return axis, drive
+
+
+# ---------------------------------------------------------------- start
+VARIANTS = [
+    Variant(),
+    Variant(index_order="little"),
+    Variant(node=3),
+    Variant(node=0, index_order="little"),
+    Variant(word_order="little"),
+    Variant(write_reply="echo"),
+    Variant(abort_order="little", index_order="little"),
+    Variant(position_unit=0x00B50000, speed_unit=0x00B50300),
+]
+
+
+@pytest.mark.parametrize("variant", VARIANTS, ids=str)
+async def test_every_open_point_of_the_manuals_is_settled_without_motion(make_axis, soon, variant) -> None:
+    """It should find index order, NODE and word order by itself, and then move to the right place."""
+    drive = DriveModel(3, variant)
+    axis = await make_axis(drive)
+    found = await axis.start(soon)
+    assert drive.log == []
+    assert found.addressing.index_order == variant.index_order
+    assert variant.node in (None, found.addressing.node)
+    assert found.word_order == variant.word_order
+    assert drive.od[0x60A8, 0][1] == 0x00B50000
+    await axis.home(soon)
+    await axis.move_to(20000.0, soon)
+    assert drive.position == 20000 * 1638.4
+    assert await axis.position(soon) == 20000.0
+
+
+async def test_a_mapping_that_lacks_something_is_replaced_and_one_that_serves_is_kept(make_axis, soon) -> None:
+    """It should write its own image where the drive's has foreign objects, and leave a fitting one alone."""
+    drive = DriveModel(3)
+    axis = await make_axis(drive)
+    found = await axis.start(soon)
+    assert (found.tx_mapping, found.rx_mapping) == (TX_WANTED, RX_WANTED)
+    longer = (*DEFAULT_TX[:5], 0x00060010, 0x60FD0020)
+    drive.od[0x3602, 0][1] = len(longer)
+    for number, entry in enumerate(longer, 1):
+        drive.od[0x3602, number][1] = entry
+    assert (await axis.start(soon)).tx_mapping == longer
+    drive.inputs = 0x3
+    assert (await axis.status(soon)).positive_limit
+
+
+async def test_a_mapping_that_does_not_take_is_an_error(make_axis, soon) -> None:
+    """It should read back what it wrote and not work on with another image."""
+    drive = DriveModel(3)
+    keep = drive.put
+    drive.put = lambda index, sub, value: None if index == 0x3502 else keep(index, sub, value)  # type: ignore[method-assign]
+    with pytest.raises(ReplyError, match="3502h did not take"):
+        await (await make_axis(drive)).start(soon)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "error", "text"),
+    [
+        (lambda d: setattr(d, "silent", True), LinkTimeout, "no answer"),
+        (lambda d: d.od.update({(0x1018, 1): [4, 0x99]}), ReplyError, "vendor 00000099h"),
+        (lambda d: d.od.update({(0x60A9, 0): [4, 0x00010300]}), MotionError, "60A9h = 00010300h"),
+        (lambda d: d.od.update({(0x3602, 0): [1, 17]}), ReplyError, "17 entries"),
+    ],
+)
+async def test_a_drive_that_does_not_fit_is_refused(make_axis, soon, spoil, error, text) -> None:
+    """It should say what is wrong instead of working on."""
+    drive = DriveModel(3)
+    spoil(drive)
+    axis = await make_axis(drive, timeout_s=0.03)
+    with pytest.raises(error, match=text):
+        await axis.start(soon)
+
+
+async def test_settings_that_contradict_the_drive_are_refused(make_axis, soon) -> None:
+    """It should not overrule what the drive shows."""
+    drive = DriveModel(3)
+    wrong_words = await make_axis(drive, dataclasses.replace(CONFIG, word_order="little"))
+    with pytest.raises(ReplyError, match="word order is big"):
+        await wrong_words.start(soon)
+    wrong_index = dataclasses.replace(CONFIG, addressing=OdAddressing("little"))
+    with pytest.raises(ReplyError, match="object does not exist"):
+        await (await make_axis(drive, wrong_index)).start(soon)
+
+
+async def test_a_drive_found_running_is_brought_to_rest(make_axis, homed, soon) -> None:
+    """It should halt and switch off a drive whose former owner died in a move."""
+    axis, drive = homed
+    drive.step = 10
+    await axis.begin_move(20000.0, soon)
+    assert drive.state == 0x27
+    again = await make_axis(drive)
+    await again.start(soon)
+    assert drive.state == 0x40
+    stands = drive.position
+    await again.position(soon)
+    assert drive.position == stands
+
+
+async def test_software_limits_and_ramps_are_in_the_drive(homed) -> None:
+    """It should give the drive its range once it is homed."""
+    _, drive = homed
+    assert drive.od[0x607D, 1][1] == 0
+    assert drive.od[0x607D, 2][1] == 30000 * 1638.4
+    # 100000 um/s2 are 50 rev/s2 of a 2 mm screw: 3000 rpm/s
+    assert drive.od[0x6083, 0][1] == 3000
+
+
+# ---------------------------------------------------------------- moves
+async def test_a_move_follows_the_handshake(homed, soon) -> None:
+    """It should step through the states, set one set-point and wait for its acknowledge."""
+    axis, drive = homed
+    await axis.move_to(500.0, soon)
+    assert drive.log == ["27->40", "40->21", "21->23", "23->27", f"move {500 * 1638.4:.0f}"]
+    drive.log.clear()
+    await axis.move_to(100.0, soon)
+    assert drive.log == [f"move {100 * 1638.4:.0f}"]
+
+
+async def test_a_short_move_is_not_believed_before_its_acknowledge(homed, soon) -> None:
+    """It should wait for bit 12: the target-reached bit is still the former move's."""
+    axis, drive = homed
+    await axis.move_to(500.0, soon)
+    drive.no_acknowledge = True
+    with pytest.raises(MotionTimeout, match="not acknowledged"):
+        await axis.move_to(600.0, soon)
+
+
+async def test_lost_replies_do_not_double_a_move(make_line, open_bus, soon) -> None:
+    """It should come to the same place though every third reply is lost."""
+    drive = DriveModel(3)
+    count = 0
+
+    def lossy(request: bytes) -> list:
+        nonlocal count
+        count += 1
+        reply = drive.answer(request)
+        return [] if count % 3 == 0 else reply
+
+    axis = Axis(await open_bus(make_line(lossy), timeout_s=0.02, late_reply_s=0.02), CONFIG)
+    await axis.home(soon)
+    await axis.move_to(700.0, soon)
+    assert drive.position == 700 * 1638.4
+    assert [entry for entry in drive.log if entry.startswith("move")] == [f"move {700 * 1638.4:.0f}"]
+
+
+@pytest.mark.parametrize("target", [-0.1, 30000.1])
+async def test_a_target_outside_is_refused_before_anything_moves(homed, soon, target) -> None:
+    """It should name the range."""
+    axis, drive = homed
+    with pytest.raises(EnvelopeViolation, match="0.000..30000.000"):
+        await axis.move_to(target, soon)
+    assert drive.log == []
+
+
+async def test_a_cancelled_move_stops_the_motor_before_it_is_cancelled(homed, soon) -> None:
+    """It should halt and switch off, so that the old target is not taken up again."""
+    axis, drive = homed
+    drive.step = 10
+    task = asyncio.create_task(axis.move_to(20000.0, soon))
+    while not drive.position:
+        await asyncio.sleep(0)
+        await axis.status(soon)
+    task.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await task
+    assert drive.state == 0x21
+    stands = drive.position
+    drive.step = 50_000
+    axis.release()
+    await axis.move_to(100.0, soon)
+    assert 0 < stands < 20000 * 1638.4
+    assert drive.position == 100 * 1638.4
+
+
+async def test_a_deadline_ends_a_move_with_a_halt(homed) -> None:
+    """It should raise MotionTimeout with the motor standing."""
+    axis, drive = homed
+    drive.step = 1
+    with pytest.raises((MotionTimeout, LinkTimeout)):
+        await axis.move_to(20000.0, Deadline.after(0.3))
+    assert drive.state == 0x21
+
+
+async def test_a_blocked_axis_is_a_stall(homed, soon) -> None:
+    """It should notice that the position stands still."""
+    axis, drive = homed
+    drive.stuck = True
+    with pytest.raises(Stalled, match="stands at 0.000, 500.000 short"):
+        await axis.move_to(500.0, soon)
+    assert drive.state == 0x21
+
+
+@pytest.mark.parametrize(
+    ("inputs", "start", "target", "text"), [(1, 500.0, 100.0, "negative"), (2, 500.0, 900.0, "positive")]
+)
+async def test_a_limit_switch_on_the_way_is_a_limit_hit(homed, soon, inputs, start, target, text) -> None:
+    """It should stop on the switch ahead, and may leave the one behind."""
+    axis, drive = homed
+    await axis.move_to(start, soon)
+    drive.inputs, drive.step = inputs, 1000
+    with pytest.raises(LimitHit, match=text):
+        await axis.move_to(target, soon)
+    axis.release()
+    await axis.move_to(start + (start - target), soon)
+
+
+@pytest.mark.parametrize(
+    ("code", "entry", "error", "text"),
+    [
+        (0x8611, 0x0D008611, Stalled, "following error"),
+        (0x7121, 0x0F007121, Stalled, "motor blocked"),
+        (0xFF00, 0x0A00FF00, LimitHit, "negative limit"),
+        (0x3210, 0x01003210, DriveFault, "over-voltage"),
+        (0x1234, 0x63001234, DriveFault, "error number 99"),
+    ],
+)
+async def test_a_fault_in_a_move_is_named(homed, soon, code, entry, error, text) -> None:
+    """It should read code and meaning, keep refusing, and work again after a reset."""
+    axis, drive = homed
+    drive.step = 10
+    task = asyncio.create_task(axis.move_to(20000.0, soon))
+    while not drive.position:
+        await axis.status(soon)
+    drive.fail(code, entry)
+    with pytest.raises(error, match=text):
+        await task
+    health = await axis.health(soon)
+    assert (health.state, health.error_code) == ("fault", code)
+    assert text.split()[0] in health.error_meaning
+    axis.release()
+    with pytest.raises(error):
+        await axis.move_to(100.0, soon)
+    await axis.reset_fault(soon)
+    axis.release()
+    drive.step = 50_000
+    await axis.move_to(100.0, soon)
+
+
+async def test_a_fault_whose_cause_remains_cannot_be_reset(homed, soon) -> None:
+    """It should say so after the edge; and a sound drive needs no reset."""
+    axis, drive = homed
+    await axis.reset_fault(soon)
+    assert drive.state == 0x27
+    drive.fail(0x3210, 0x01003210)
+    drive.cause_remains = True
+    with pytest.raises(DriveFault, match="over-voltage") as caught:
+        await axis.reset_fault(soon)
+    assert caught.value.code == 0x3210
+
+
+async def test_an_empty_error_stack_is_no_error(homed, soon) -> None:
+    """It should take abort 08000024h for an empty stack, and a missing 60F4h for no following error."""
+    axis, drive = homed
+    del drive.od[0x60F4, 0]
+    health = await axis.health(soon)
+    assert (health.error_code, health.error_meaning, health.following_error_units) == (0, "", None)
+    assert health.homed
+
+
+# ---------------------------------------------------------------- power and stops
+async def test_a_drive_that_lost_power_is_not_homed_any_more(homed, soon) -> None:
+    """It should ask the drive, not its own memory; homing makes it whole again."""
+    axis, drive = homed
+    drive.power_cycle()
+    assert not await axis.homed(soon)
+    with pytest.raises(NotHomed):
+        await axis.move_to(100.0, soon)
+    assert drive.log == []
+    await axis.home(soon)
+    await axis.move_to(100.0, soon)
+    assert drive.position == 100 * 1638.4
+
+
+async def test_power_lost_in_a_move_is_told_from_an_emergency_stop(homed, soon) -> None:
+    """It should raise NotHomed, for the position is gone."""
+    axis, drive = homed
+    drive.step = 10
+    task = asyncio.create_task(axis.move_to(20000.0, soon))
+    while not drive.position:
+        await axis.status(soon)
+    drive.power_cycle()
+    with pytest.raises(NotHomed, match="lost power"):
+        await task
+
+
+async def test_a_power_stage_switched_off_is_an_emergency_stop(homed, soon) -> None:
+    """It should raise EmergencyStop in the move, and again while there is no motor voltage."""
+    axis, drive = homed
+    drive.step = 10
+    task = asyncio.create_task(axis.move_to(20000.0, soon))
+    while not drive.position:
+        await axis.status(soon)
+    drive.motor_voltage, drive.state = False, 0x40
+    with pytest.raises(EmergencyStop, match="switched off while moving"):
+        await task
+    axis.release()
+    with pytest.raises(EmergencyStop, match="no motor voltage"):
+        await axis.move_to(100.0, soon)
+
+
+async def test_a_quick_stop_wins_over_the_move_it_stops(homed, soon) -> None:
+    """It should end the move with EmergencyStop and not let its next command start the drive again."""
+    axis, drive = homed
+    drive.step = 10
+    task = asyncio.create_task(axis.move_to(20000.0, soon))
+    while not drive.position:
+        await axis.status(soon)
+    await axis.quick_stop()
+    with pytest.raises(EmergencyStop):
+        await task
+    assert drive.state == 0x07
+    with pytest.raises(EmergencyStop, match="stopped"):
+        await axis.move_to(100.0, soon)
+    axis.release()
+    drive.step = 50_000
+    await axis.move_to(100.0, soon)
+    assert drive.position == 100 * 1638.4
+
+
+async def test_a_quick_stop_after_a_power_cut_writes_no_foreign_object(homed) -> None:
+    """It should not carry a target into the drive's own mapping, where other objects lie."""
+    axis, drive = homed
+    drive.power_cycle()
+    before = {key: list(value) for key, value in drive.od.items()}
+    await axis.quick_stop()
+    assert drive.control == 0x02
+    assert drive.od == before
+
+
+# ---------------------------------------------------------------- homing
+async def test_homing_sets_its_place_and_marker(make_axis, soon) -> None:
+    """It should put the configured coordinate to the home place, with 607Ch zero."""
+    drive = DriveModel(3)
+    config = dataclasses.replace(CONFIG, homing=HomingConfig(method=18, home_position_units=30000.0))
+    axis = await make_axis(drive, config)
+    await axis.home(soon)
+    assert await axis.position(soon) == 30000.0
+    assert drive.od[0x6098, 0][1] == 18
+    assert drive.od[0x607C, 0][1] == 0
+    assert drive.od[0x2400, 0x20][1] == config.homed_marker
+    await axis.move_to(10000.0, soon)
+    assert drive.position == -20000 * 1638.4
+
+
+async def test_homing_under_other_settings_does_not_count(make_axis, homed, soon) -> None:
+    """It should want a new homing when the home place was configured anew."""
+    _, drive = homed
+    other = dataclasses.replace(CONFIG, homing=HomingConfig(home_position_units=5.0))
+    assert not await (await make_axis(drive, other)).homed(soon)
+    assert await (await make_axis(drive)).homed(soon)
+
+
+async def test_a_second_homing_is_not_taken_for_the_first(homed, soon) -> None:
+    """It should wait until the old homing-attained bit is gone."""
+    axis, drive = homed
+    await axis.move_to(500.0, soon)
+    drive.log.clear()
+    await axis.home(soon)
+    assert drive.log.count("homing") == 1
+    await axis.home(soon)
+    assert drive.log.count("homing") == 2
+    assert drive.position == 0
+
+
+async def test_a_failed_homing_leaves_the_axis_unhomed(homed, soon) -> None:
+    """It should raise on bit 13 and take the marker away."""
+    axis, drive = homed
+    drive.homing_fails = True
+    with pytest.raises(MotionError, match="method 17 failed"):
+        await axis.home(soon)
+    assert not await axis.homed(soon)
+    assert drive.state == 0x21
+
+
+async def test_homing_has_its_own_deadline(make_axis, soon) -> None:
+    """It should give up and halt when no switch comes."""
+    drive = DriveModel(3, homing_looks=10**9)
+    config = dataclasses.replace(CONFIG, homing=HomingConfig(timeout_s=0.5))
+    axis = await make_axis(drive, config)
+    with pytest.raises((MotionTimeout, LinkTimeout)):
+        await axis.home(soon)
+    assert drive.state == 0x21
+    assert not await axis.homed(soon)
+
+
+async def test_a_changed_unit_takes_the_reference_away(homed, soon) -> None:
+    """It should not trust a position counted in another unit."""
+    axis, drive = homed
+    drive.od[0x60A8, 0][1] = 0xFF410000
+    assert not (await axis.start(soon)).homed
+
+
+async def test_nothing_moves_before_start(make_axis, soon) -> None:
+    """It should say that start has not run."""
+    axis = await make_axis(DriveModel(3))
+    with pytest.raises(MotionError, match="start"):
+        await axis.begin_move(10.0, soon)
+    with pytest.raises(MotionError, match="no move was begun"):
+        await axis.arrived(soon)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"min_units": 30000.0}, {"increments_per_unit": 0.0}, {"window_units": 0.0}, {"speed_units_s": -1.0}],
+)
+def test_impossible_settings_are_refused(change) -> None:
+    """It should name the axis."""
+    with pytest.raises(ValueError, match="Z: "):
+        dataclasses.replace(CONFIG, **change)
