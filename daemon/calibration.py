@@ -130,7 +130,7 @@ class _Walk:
         if abs(np.linalg.det(px_per_um)) < 1e-4:
             raise ValueError("the picture hardly moves with the head; check that the camera sees the board")
         # Where the head must go so that the target appears at the tip; it is only the centre of the walk.
-        offset: Array = np.linalg.solve(px_per_um, np.array(self.tip_px) - start)
+        offset = np.asarray(np.linalg.solve(px_per_um, np.array(self.tip_px) - start), dtype=float)
         length = float(np.linalg.norm(offset))
         return offset * min(1.0, self._reach_um / length)
 

@@ -12,7 +12,7 @@ from daemon.calibrations import Calibrations
 from daemon.clock import Stopwatch
 from daemon.config import Config
 from daemon.messages import AnyJob
-from daemon.states import Event
+from daemon.states import Event, State
 from daemon.station import Look, Station
 from drivers.deadline import Deadline
 
@@ -45,13 +45,13 @@ class Job:
         self,
         request: AnyJob,
         deadline: Deadline,
-        fire: Callable[[Event], object],
+        fire: Callable[[Event], State],
         keep_step: Callable[[str, dict[str, Any]], Coroutine[Any, Any, None]],
     ) -> None:
         self.request = request
         self.deadline = deadline
         self.watch = Stopwatch()
-        self.fire = fire
+        self._fire = fire
         self.first_look: Look | None = None
         self.last_look: Look | None = None
         self.looks = 0
@@ -60,6 +60,10 @@ class Job:
         """What is known even if the job fails half-way."""
         self._keep_step = keep_step
         self._steps: set[asyncio.Task[None]] = set()
+
+    def fire(self, event: Event) -> None:
+        """Take one transition; from here on time is booked under the new state."""
+        self.watch.enter(self._fire(event).value)
 
     def saw(self, look: Look) -> None:
         """Count a look; of its frames only the first and the last stay in memory, for a picture is 6 MB."""

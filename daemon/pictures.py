@@ -5,19 +5,24 @@ from __future__ import annotations
 import asyncio
 import re
 import shutil
+import zlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal
 
 import cv2
 import structlog
-from vision.annotate import annotate
 
 from daemon.job import Job
 from daemon.messages import AnyJob, JobResult, Look
 from daemon.station import Look as Seen
+from drivers.camera.contract import Pixels
+from vision import Tip
+from vision.annotate import draw_test_points, draw_tip
 
 log = structlog.get_logger(__name__)
 JPEG_QUALITY = 92
+SMALL_WINDOW_PX = 260
 
 
 class Pictures:
@@ -34,7 +39,7 @@ class Pictures:
         """Return where this job's pictures go, or None if they are not wanted."""
         asked = isinstance(request, Look) and request.pictures
         if asked or self._which == "all" or (self._which == "failed" and failed):
-            return self._folder / re.sub(r"[^\w.-]", "_", request.id)[:100]
+            return self._folder / _folder_name(request.id)
         return None
 
     async def keep(self, folder: Path, job: Job, result: JobResult) -> None:
@@ -51,8 +56,7 @@ class Pictures:
     def _write(self, folder: Path, looks: dict[str, Seen], numbers: str) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         for name, look in looks.items():
-            marked = annotate(look.red.pixels, tip=look.tip, seen=look.seen)
-            for kind, pixels in (("white", look.white.pixels), ("red", look.red.pixels), ("marked", marked)):
+            for kind, pixels in _sheets(look):
                 ok, data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
                 if ok:
                     (folder / f"{name}-{kind}.jpg").write_bytes(data.tobytes())
@@ -69,3 +73,20 @@ class Pictures:
                 break
             shutil.rmtree(folder)
             total -= sizes[folder]
+
+
+def _sheets(look: Seen) -> Iterator[tuple[str, Pixels]]:
+    """Yield what a look leaves: both frames as they were, and what was made of them."""
+    yield "white", look.white.pixels
+    yield "red", look.red.pixels
+    if look.tip is not None:
+        yield "tip", draw_tip(look.white.pixels, look.tip)
+    if isinstance(look.tip, Tip) and look.seen is not None:
+        zoom = 5 if look.seen.window_px[2] <= SMALL_WINDOW_PX else 3
+        yield "pads", draw_test_points(look.red.pixels, look.seen, (look.tip.x_px, look.tip.y_px), zoom)
+
+
+def _folder_name(job_id: str) -> str:
+    """Return a name that is safe for a file system, and still one id's own."""
+    safe = re.sub(r"[^\w.-]", "_", job_id)[:80].lstrip(".")
+    return safe if safe == job_id else f"{safe}-{zlib.crc32(job_id.encode()):08x}"

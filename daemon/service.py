@@ -91,7 +91,8 @@ class Service:
         ]
         working = asyncio.create_task(self._open_and_work(), name="jobs")
         stopping = asyncio.create_task(self._stop.wait(), name="stop")
-        done, _ = await asyncio.wait({answering, working, stopping, *background}, return_when=asyncio.FIRST_COMPLETED)
+        tasks: set[asyncio.Task[Any]] = {answering, working, stopping, *background}
+        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         log.info("stopping")
         for task in (*background, working):
             task.cancel()

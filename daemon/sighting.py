@@ -13,9 +13,10 @@ from daemon.faults import Fault, Kind
 from daemon.job import Bench, Job
 from daemon.station import Look, Search
 from drivers.gantry import Position
-from vision import NotFound, Seen, TestPoint, Tip, needle_hides
+from vision import NotFound, Seen, TestPoint, Tip
 from vision.constellation import Match, match_target
 from vision.frames import Array, rotation
+from vision.hiding import needle_hides
 from vision.posemap import Correction, PoseMap
 
 UNUSABLE = frozenset({"too_dark", "saturated", "blurred"})
@@ -114,8 +115,9 @@ def lookalikes(point: BoardPoint, position: Position, bench: Bench) -> Array:
     """
     servo = bench.config.servo
     places = bench.board.lookalikes_um(point, 3 * (servo.max_placement_um + servo.match_um))
-    turned = (places - places[0]) @ rotation(bench.station.board_rotation_deg()).T
-    return turned + bench.station.tip_from(point.x_um, point.y_um, position)
+    turned: Array = (places - places[0]) @ rotation(bench.station.board_rotation_deg()).T
+    from_tip: Array = turned + bench.station.tip_from(point.x_um, point.y_um, position)
+    return from_tip
 
 
 def describe(look: Look, target: TestPoint | None, way: Correction | None) -> dict[str, object]:

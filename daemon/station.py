@@ -86,7 +86,8 @@ class Station:
     def tip_from(self, x_um: float, y_um: float, position: Position) -> Array:
         """Return a place of the board relative to a perfect head's tip, robot frame, um."""
         head = np.array((position.x_um, position.y_um))
-        return self.board_to_robot_um(x_um, y_um) - head - self._head.tip_offset_um(position.theta_deg)
+        from_tip: Array = self.board_to_robot_um(x_um, y_um) - head - self._head.tip_offset_um(position.theta_deg)
+        return from_tip
 
     # --- what it does -----------------------------------------------------------------------------------------
 

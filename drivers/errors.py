@@ -3,6 +3,7 @@
 DeviceError
 +-- LinkError               the wire: no port, no connection
 |   +-- LinkTimeout         the wire: no answer in time (also a TimeoutError)
+|       +-- DeadlinePassed  the caller's time was over before the answer came
 +-- ReplyError              the wire: an answer that does not fit the question
 +-- DeviceRefused           the device understood and said no (has a code)
 +-- MotionError             the machine
@@ -53,6 +54,15 @@ class LinkTimeout(LinkError, TimeoutError):
     """
 
     default_advice = "Check power, cable, slave address, baud rate and parity of the device."
+
+
+class DeadlinePassed(LinkTimeout):
+    """The caller's deadline ended while a request waited or was on the wire; says nothing about the slave.
+
+    Examples: a move's deadline that ends between two looks at the axis, a line busy with other requests.
+    """
+
+    default_advice = "Give the operation more time."
 
 
 class ReplyError(DeviceError):

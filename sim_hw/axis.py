@@ -39,9 +39,9 @@ INCREMENTS_PER_REV = 50 * 65536
 _ABOVE, _BELOW = True, False
 
 SPECS: tuple[AxisSpec, ...] = (
-    AxisSpec("x", 1, INCREMENTS_PER_REV / 5000.0, -1000.0, 201_000.0, 0.0, _BELOW, -2500.0, 202_500.0),
-    AxisSpec("y", 2, INCREMENTS_PER_REV / 5000.0, -1000.0, 151_000.0, 0.0, _BELOW, -2500.0, 152_500.0),
-    AxisSpec("z", 3, INCREMENTS_PER_REV / 2000.0, -500.0, 30_500.0, 30_000.0, _ABOVE, -1000.0, 31_000.0),
+    AxisSpec("x", 1, INCREMENTS_PER_REV / 5000.0, -3000.0, 203_000.0, 0.0, _BELOW, -5000.0, 205_000.0),
+    AxisSpec("y", 2, INCREMENTS_PER_REV / 5000.0, -3000.0, 153_000.0, 0.0, _BELOW, -5000.0, 155_000.0),
+    AxisSpec("z", 3, INCREMENTS_PER_REV / 2000.0, -500.0, 32_000.0, 30_000.0, _ABOVE, -1000.0, 33_000.0),
     AxisSpec("theta", 4, INCREMENTS_PER_REV / 360.0, -221.0, 101.0, 0.0, _ABOVE, -222.5, 102.5),
 )
 

@@ -48,7 +48,6 @@ class BenchServer:
             "power_cycle": _plain(bench.power_cycle),
             "shutdown": _plain(bench.shutdown),
         }
-        # A context of its own: ending it removes the socket's file.
         self._context = zmq.asyncio.Context()
         self._socket = self._context.socket(zmq.REP)
         self._socket.setsockopt(zmq.LINGER, 200)

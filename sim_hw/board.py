@@ -5,7 +5,7 @@ CAD coordinates are the Gerbers': mm, y up, seen from the top, whichever side is
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -130,19 +130,28 @@ def netlist_offset_mm(records: Iterable[Record], hits: Iterable[Round]) -> tuple
     return (round(float(x_mm), 4), round(float(y_mm), 4))
 
 
-def _opening_mm(pad: Round, openings: tuple[Round, ...], by_place: _Nearest, mask: tuple[Shape, ...]) -> float:
-    """Return the diameter of the pad that the mask leaves bare; 0 where it is covered."""
-    concentric = by_place.within(pad.x_mm, pad.y_mm, _SAME_PLACE_MM)
-    if concentric:
-        return min(pad.diameter_mm, max(openings[k].diameter_mm for k in concentric))
-    for shape in mask:
-        x0, y0, x1, y1 = shape.box_mm
-        if x0 <= pad.x_mm <= x1 and y0 <= pad.y_mm <= y1:
-            outline = (shape.outline_mm * 1e3).astype(np.float32)[:, None, :]
+class _Openings:
+    """The mask's openings, asked pad by pad."""
+
+    def __init__(self, rounds_open: tuple[Round, ...], mask: tuple[Shape, ...]) -> None:
+        self._rounds = rounds_open
+        self._round_at = _Nearest((o.x_mm, o.y_mm) for o in rounds_open)
+        self._mask = [shape for shape in mask if shape.dark]
+        self._boxes = np.array([shape.box_mm for shape in self._mask]).reshape(-1, 4)
+
+    def bare_mm(self, pad: Round) -> float:
+        """Return the diameter of the pad that the mask leaves bare; 0 where it is covered."""
+        concentric = self._round_at.within(pad.x_mm, pad.y_mm, _SAME_PLACE_MM)
+        if concentric:
+            return min(pad.diameter_mm, max(self._rounds[k].diameter_mm for k in concentric))
+        x0, y0, x1, y1 = self._boxes.T
+        around = (x0 <= pad.x_mm) & (pad.x_mm <= x1) & (y0 <= pad.y_mm) & (pad.y_mm <= y1)
+        for k in np.flatnonzero(around):
+            outline = (self._mask[k].outline_mm * 1e3).astype(np.float32)[:, None, :]
             inside_um = cv2.pointPolygonTest(outline, (pad.x_mm * 1e3, pad.y_mm * 1e3), measureDist=True)
             if inside_um >= pad.diameter_mm * 0.4e3:
                 return min(pad.diameter_mm, 2e-3 * inside_um)
-    return 0.0
+        return 0.0
 
 
 def _name_and_kind(record: Record | None, number: int) -> tuple[str, str]:
@@ -170,8 +179,7 @@ def _on_side(record: Record, side: str) -> bool:
 
 
 def _targets(files: BoardFiles, side: str, records: tuple[Record, ...], mask: tuple[Shape, ...]) -> tuple[Target, ...]:
-    openings = rounds(files.layers[f"{side} mask"])
-    opening_at = _Nearest((o.x_mm, o.y_mm) for o in openings)
+    openings = _Openings(rounds(files.layers[f"{side} mask"]), mask)
     hits, capped = rounds(files.drills), rounds(files.capped)
     hit_at, capped_at = (_Nearest((h.x_mm, h.y_mm) for h in group) for group in (hits, capped))
     here = tuple(record for record in records if _on_side(record, side))
@@ -179,7 +187,7 @@ def _targets(files: BoardFiles, side: str, records: tuple[Record, ...], mask: tu
     found: dict[tuple[int, int], Target] = {}
     for pad in sorted(rounds(files.layers[f"{side} copper"]), key=lambda p: (-p.diameter_mm, p.x_mm, p.y_mm)):
         place = (round(pad.x_mm * 100), round(pad.y_mm * 100))
-        bare_mm = _opening_mm(pad, openings, opening_at, mask)
+        bare_mm = openings.bare_mm(pad)
         if place in found or bare_mm <= 0.0:
             continue
         drilled = hit_at.within(pad.x_mm, pad.y_mm, _SAME_PLACE_MM)
@@ -196,7 +204,17 @@ def _targets(files: BoardFiles, side: str, records: tuple[Record, ...], mask: tu
         found[place] = Target(
             name, kind, round(pad.x_mm, 6), round(pad.y_mm, 6), round(bare_mm, 6), hole_mm, net, probeable
         )
-    return tuple(found.values())
+    return _uniquely_named(found.values())
+
+
+def _uniquely_named(targets: Iterable[Target]) -> tuple[Target, ...]:
+    """Tell pads apart that carry the same pin: the second of `U3-7` becomes `U3-7/2`."""
+    seen: dict[str, int] = {}
+    named: list[Target] = []
+    for target in targets:
+        count = seen[target.name] = seen.get(target.name, 0) + 1
+        named.append(target if count == 1 else replace(target, name=f"{target.name}/{count}"))
+    return tuple(named)
 
 
 def load_board(folder: Path | str, side: str = "top") -> Board:
@@ -233,4 +251,4 @@ def load_board(folder: Path | str, side: str = "top") -> Board:
 
 
 def _shifted(record: Record, dx_mm: float, dy_mm: float) -> Record:
-    return Record(**{**vars(record), "x_mm": record.x_mm + dx_mm, "y_mm": record.y_mm + dy_mm})
+    return replace(record, x_mm=record.x_mm + dx_mm, y_mm=record.y_mm + dy_mm)

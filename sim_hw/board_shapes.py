@@ -8,17 +8,20 @@ import itertools
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from gerbonara import graphic_objects as go
 from gerbonara import graphic_primitives as gp
+from gerbonara.apertures import ApertureMacroInstance, RectangleAperture
 from gerbonara.utils import MM
 
 Outline = npt.NDArray[np.float64]
 
 _CHORD_ERROR_MM = 0.001
+_NEVER_ROUND = (ApertureMacroInstance, RectangleAperture)
 
 
 @dataclass(frozen=True)
@@ -50,12 +53,17 @@ def _circle(cx: float, cy: float, radius: float) -> Outline:
     return _arc(cx, cy, radius, 0.0, 2.0 * math.pi)[:-1]
 
 
+@lru_cache(maxsize=256)
+def _half_circle(radius: float) -> Outline:
+    return _arc(0.0, 0.0, radius, -math.pi / 2, math.pi)
+
+
 def _capsule(x1: float, y1: float, x2: float, y2: float, width: float) -> Outline:
-    along = math.atan2(y2 - y1, x2 - x1)
-    radius = width / 2.0
-    first = _arc(x1, y1, radius, along + math.pi / 2, math.pi)
-    second = _arc(x2, y2, radius, along - math.pi / 2, math.pi)
-    return np.concatenate((first, second))
+    radius, along = width / 2.0, math.atan2(y2 - y1, x2 - x1)
+    cap = _half_circle(round(radius, 6))
+    c, s = math.cos(along), math.sin(along)
+    turned = cap @ np.array([[c, s], [-s, c]])
+    return np.concatenate((turned + np.array((x2, y2)), np.array((x1, y1)) - turned))
 
 
 def _sweep(p1: tuple[float, float], p2: tuple[float, float], centre: tuple[float, float], *, cw: bool) -> Outline:
@@ -131,7 +139,7 @@ def rounds(objects: Iterable[Any]) -> tuple[Round, ...]:
     """Return what was flashed round: circles, and obrounds or rounded squares that are circles in fact."""
     found: list[Round] = []
     for item in objects:
-        if not isinstance(item, go.Flash) or not item.polarity_dark:
+        if not isinstance(item, go.Flash) or not item.polarity_dark or isinstance(item.aperture, _NEVER_ROUND):
             continue
         primitives = list(item.to_primitives(MM))
         if len(primitives) != 1:

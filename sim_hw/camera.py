@@ -88,6 +88,7 @@ class CameraServer:
             self.ready.set()
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._tick())
+                group.create_task(self._draw_ahead())
                 while True:
                     identity, *parts = await socket.recv_multipart()
                     group.create_task(self._serve_one(socket, identity, parts))
@@ -102,6 +103,13 @@ class CameraServer:
             if self._stream is not None:
                 self._stream.advance(self._clock.now_s())
             await asyncio.sleep(_TICK_S)
+
+    async def _draw_ahead(self) -> None:
+        """Draw the board tile by tile while nobody asks, so that a look at a new place is not slow."""
+        loop = asyncio.get_running_loop()
+        left = True
+        while left:  # one tile at a time: a request waits for one at most
+            left = await loop.run_in_executor(self._worker, self.scene.draw_ahead)
 
     async def _serve_one(self, socket: zmq.asyncio.Socket, identity: bytes, parts: list[bytes]) -> None:
         if self._faults.use("silent"):

@@ -96,6 +96,9 @@ class Needle:
         self.radius_um = np.asarray(radius)
         self._half_px = self.radius_um * self._px_per_um
         self._drop_px = self.radius_um * self._drop_per_um
+        # The outline of a cone is the envelope of its rings, a little wider than the ring at the same place.
+        lean = np.gradient(self._half_px, self._axis_s) * self._drop_px / self._half_px
+        self._outline_px = self._half_px / np.sqrt(1.0 - np.clip(lean, 0.0, 0.5) ** 2)
 
     def draw(self, shift_px: tuple[float, float] = (0.0, 0.0), bent_px: float = 0.0) -> NeedlePicture:
         """Return the cut-out with the end shifted in the picture; `bent_px` bows the end sideways."""
@@ -116,21 +119,20 @@ class Needle:
         return self._shade(left, s, v)
 
     def _surface(self, s: Field, v: Field) -> tuple[Field, Field, Field]:
-        """Return the height of the surface point seen (um), its place across -1..1 and the half width (px)."""
-        seen = s
-        half = np.interp(seen, self._axis_s, self._half_px)
+        """Return the height of the surface point seen (um), its place across -1..1 and the coverage 0..1."""
+        outline = np.interp(s, self._axis_s, self._outline_px)
+        end_px = self._drop_px[0] * np.sqrt(np.clip(1.0 - (v / self._half_px[0]) ** 2, 0.0, 1.0))
+        alpha = np.clip(outline - np.abs(v) + 0.5, 0.0, 1.0) * np.clip(s + end_px + 0.5, 0.0, 1.0)
+        seen, half = s, outline
         for _ in range(4):
             half = np.interp(seen, self._axis_s, self._half_px)
             drop = np.interp(seen, self._axis_s, self._drop_px)
             seen = s + drop * np.sqrt(np.clip(1.0 - (v / half) ** 2, 0.0, 1.0))
-        below = seen < 0.0
-        heights = np.where(below, seen / self._px_per_um[0], np.interp(seen, self._axis_s, self.heights_um))
-        return heights, np.clip(v / half, -1.0, 1.0), half
+        return np.interp(seen, self._axis_s, self.heights_um), np.clip(v / half, -1.0, 1.0), alpha
 
     def _shade(self, left: int, s: Field, v: Field) -> NeedlePicture:
-        heights, q, half = self._surface(s, v)
+        heights, q, alpha = self._surface(s, v)
         seen_px = heights * self._axis_s[1] / _STEP_UM
-        alpha = np.clip(half - np.abs(v) + 0.5, 0.0, 1.0) * np.clip(seen_px + 0.5, 0.0, 1.0)
         facing = np.sqrt(np.clip(1.0 - q**2, 0.0, 1.0))
         brushed = self._brushed(heights, q)
         dimming = 1.0 - 0.18 * np.clip(s / 700.0, 0.0, 1.0)

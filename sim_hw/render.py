@@ -64,7 +64,7 @@ class Sensor:
 
     def read(self, light: Exposed, settings: SensorSettings, rng: np.random.Generator) -> Picture:
         """Return the frame (H, W, 3) BGR uint8."""
-        self._prepare(settings)
+        self.prepare(settings)
         strength = settings.exposure_s / NOMINAL_EXPOSURE_S * settings.gain * max(settings.balance) / 255.0
         frame: Picture = np.zeros((HEIGHT_PX, WIDTH_PX, 3), dtype=np.uint8)
         if light.white is not None:
@@ -82,7 +82,8 @@ class Sensor:
         cv2.subtract(frame, self._noise_down[cut], dst=frame)
         return frame
 
-    def _prepare(self, settings: SensorSettings) -> None:
+    def prepare(self, settings: SensorSettings) -> None:
+        """Make what is kept between frames taken with these settings."""
         if settings.noise_grey != self._noise_grey:
             rng = np.random.default_rng((self._seed, 3))
             size = (HEIGHT_PX + _SPARE_PX, WIDTH_PX + _SPARE_PX, 3)

@@ -88,6 +88,7 @@ class Scene:
         self._texture = BoardTexture(board, seed)
         self._texel_to_mm = np.linalg.inv(self._texture.from_mm(board))
         self._sensor = Sensor(seed)
+        self._ready = False
         self._needle_key: tuple[float, float, float] | None = None
         self._needle_picture: NeedlePicture | None = None
         self._shadows: dict[tuple[str, int], npt.NDArray[np.float32]] = {}
@@ -95,8 +96,11 @@ class Scene:
     def render(self, shot: Shot) -> Picture:
         """Return the frame (1200, 1600, 3) BGR uint8 of an exposure; the same shot gives the same frame."""
         rng = np.random.default_rng((self._seed, shot.sequence, 7))
+        return self._sensor.read(self._expose(shot, rng), self._settings(shot), rng)
+
+    def _settings(self, shot: Shot) -> SensorSettings:
         knobs = self._plant.knobs
-        settings = SensorSettings(
+        return SensorSettings(
             exposure_s=shot.exposure_s,
             gain=shot.gain,
             balance=shot.balance,
@@ -104,7 +108,13 @@ class Scene:
             noise_grey=knobs.camera_noise_grey * math.sqrt(max(shot.gain, 0.25)),
             falloff=knobs.camera_falloff,
         )
-        return self._sensor.read(self._expose(shot, rng), settings, rng)
+
+    def draw_ahead(self) -> bool:
+        """Do a little of what later frames will need; return False once all of it is done."""
+        if not self._ready:
+            self._sensor.prepare(self._settings(Shot(0, NOMINAL_EXPOSURE_S, ())))
+            self._ready = True
+        return self._texture.draw_one_more()
 
     def tip_px(self, state: Head) -> tuple[float, float]:
         """Return where the end of the probe is in the picture, bend and flex of the mount included."""
@@ -176,23 +186,29 @@ class Scene:
 
     def _board_picture(self, light: str, state: Head) -> Picture:
         to_px = self._mm_to_px(state) @ self._texel_to_mm
-        texture = self._texture.white if light == "white" else self._texture.red
-        bench = BENCH_WHITE if light == "white" else (BENCH_RED,)
         corners = np.array([[0, 0], [WIDTH_PX, 0], [WIDTH_PX, HEIGHT_PX], [0, HEIGHT_PX]], dtype=np.float64)
         seen = cv2.perspectiveTransform(corners[None], np.linalg.inv(to_px))[0]
         x0, y0 = np.maximum(np.floor(seen.min(axis=0)).astype(int) - 2, 0)
         x1, y1 = np.minimum(np.ceil(seen.max(axis=0)).astype(int) + 3, (self._texture.width, self._texture.height))
         if x1 - x0 < 4 or y1 - y0 < 4:
-            picture = np.empty((HEIGHT_PX, WIDTH_PX, 3) if light == "white" else (HEIGHT_PX, WIDTH_PX), dtype=np.uint8)
-            picture[...] = bench if light == "white" else bench[0]
-            return picture
+            return self._bench(light)
         self._texture.ensure(int(x0), int(y0), int(x1), int(y1))
         move = np.array([[1.0, 0.0, x0], [0.0, 1.0, y0], [0.0, 0.0, 1.0]])
-        crop = texture[y0:y1, x0:x1]
-        warped = cv2.warpPerspective(
-            crop, to_px @ move, (WIDTH_PX, HEIGHT_PX), flags=cv2.INTER_LINEAR, borderValue=bench
+        both = cv2.warpPerspective(
+            self._texture.picture[y0:y1, x0:x1],
+            to_px @ move,
+            (WIDTH_PX, HEIGHT_PX),
+            flags=cv2.INTER_LINEAR,
+            borderValue=(*BENCH_WHITE, BENCH_RED),
         )
-        return self._shadowed(light, np.asarray(warped, dtype=np.uint8), state)
+        picture = cv2.cvtColor(both, cv2.COLOR_BGRA2BGR) if light == "white" else cv2.extractChannel(both, 3)
+        return self._shadowed(light, np.asarray(picture, dtype=np.uint8), state)
+
+    @staticmethod
+    def _bench(light: str) -> Picture:
+        if light == "white":
+            return np.full((HEIGHT_PX, WIDTH_PX, 3), BENCH_WHITE, dtype=np.uint8)
+        return np.full((HEIGHT_PX, WIDTH_PX), BENCH_RED, dtype=np.uint8)
 
     def _shadowed(self, light: str, picture: Picture, state: Head) -> Picture:
         if self._faults.on("missing"):

@@ -78,12 +78,14 @@ class Station:
             self._connect(log)
             bench = BenchServer(self, options.bench)
             stack.callback(bench.close)
-            camera = CameraServer(
-                self.plant, self.board, self.clock, options.camera, self.faults, options.knobs, options.seed
+            camera = self._camera = CameraServer(
+                self.plant, self.board, self.clock, options.camera, self.faults, options.seed
             )
             tasks = [loop.create_task(part) for part in (bench.serve(), camera.serve(), self._follow(log))]
             stack.push_async_callback(_cancel, tasks)
             await _first(loop.create_task(camera.ready.wait()), tasks)
+            for endpoint in (options.bench, options.camera):
+                stack.callback(_remover(endpoint))
             self._line.open(options.line)
             stack.callback(self._line.close)
             ready(self._facts())
@@ -101,6 +103,7 @@ class Station:
             "speed": self.clock.speed,
             "seed": self.options.seed,
             "moving": self.plant.state_at(t_s).moving,
+            "tip_px": self._camera.scene.tip_px(self.plant.state_at(t_s)),
             "drives": {drive.spec.name: drive.drive.state.name.lower() for drive in self.drives.values()},
             "statistics": vars(self._line.statistics).copy(),
             "faults": [name for name, fault in self.faults.listing().items() if fault["on"]],
@@ -189,6 +192,20 @@ class Station:
             "truth": str(options.truth),
             "pid": os.getpid(),
         }
+
+
+def _remover(endpoint: str) -> Callable[[], None]:
+    """Return what removes an endpoint's socket file, which ZeroMQ leaves behind, while it still is this one."""
+    path = Path(endpoint.removeprefix("ipc://"))
+    if not endpoint.startswith("ipc://") or not path.exists():
+        return lambda: None
+    inode = path.stat().st_ino
+
+    def remove() -> None:
+        if path.exists() and path.stat().st_ino == inode:
+            path.unlink()
+
+    return remove
 
 
 async def _first(awaited: asyncio.Task[Any], parts: list[asyncio.Task[Any]]) -> None:

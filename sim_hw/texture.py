@@ -59,19 +59,23 @@ def _kinds() -> npt.NDArray[np.uint8]:
 
 
 _KIND = _kinds()
+_COVERED_COPPER = np.where((np.arange(256) & (_COPPER | _OPEN)) == _COPPER, 255, 0).astype(np.uint8)
 
 
 def _periodic_noise(rng: np.random.Generator, scale_texels: float) -> npt.NDArray[np.float32]:
-    """Return a (TILE, TILE) field of unit variance that continues at its borders."""
+    """Return a (TILE, TILE) field of mean 0 and variance 1 that continues at its borders."""
     white = rng.standard_normal((TILE, TILE), dtype=np.float32)
     frequency = np.fft.fftfreq(TILE)[:, None] ** 2 + np.fft.rfftfreq(TILE)[None, :] ** 2
     keep = np.exp(-2.0 * np.pi**2 * scale_texels**2 * frequency)
     field = np.fft.irfft2(np.fft.rfft2(white) * keep, s=(TILE, TILE))
-    return np.asarray(field / field.std(), dtype=np.float32)
+    return np.asarray((field - field.mean()) / field.std(), dtype=np.float32)
 
 
 class BoardTexture:
-    """Hold the pictures of a board side: `white` (H, W, 3) BGR and `red` (H, W), uint8."""
+    """Hold the pictures of a board side, uint8: `picture` (H, W, 4) is `white` (BGR) and `red` in one.
+
+    One array of four channels is warped faster than one of three.
+    """
 
     def __init__(self, board: Board, seed: int) -> None:
         width_mm, height_mm = board.size_mm
@@ -79,8 +83,7 @@ class BoardTexture:
         self.width = int((width_mm + 2 * MARGIN_MM) * per_mm)
         self.height = int((height_mm + 2 * MARGIN_MM) * per_mm)
         # Untouched pages of zeros cost no memory: only the tiles looked at do.
-        self.white: Picture = np.zeros((self.height, self.width, 3), dtype=np.uint8)
-        self.red: Picture = np.zeros((self.height, self.width), dtype=np.uint8)
+        self.picture: Picture = np.zeros((self.height, self.width, 4), dtype=np.uint8)
         self._done: set[tuple[int, int]] = set()
         self._layers = tuple(
             (bit, [self._placed(shape, board) for shape in shapes])
@@ -98,19 +101,25 @@ class BoardTexture:
         slow, medium, fine = (_periodic_noise(rng, scale) for scale in (170.0, 22.0, 2.5))
         self._mask_look = np.clip(128 + 9 * slow + 5 * medium + 4 * fine, 90, 170).astype(np.uint8)
         specks = np.where(medium * fine > 4.2, 18.0, 0.0)
-        self._pad_look = np.clip(126 + 6 * slow + 8 * medium + 5 * fine + specks, 80, 180).astype(np.uint8)
+        self._pad_look = np.clip(128 + 5 * slow + 7 * medium + 5 * fine + specks, 80, 180).astype(np.uint8)
+
+    @property
+    def white(self) -> Picture:
+        """The look under the white lamp, (H, W, 3) BGR."""
+        return self.picture[..., :3]
+
+    @property
+    def red(self) -> Picture:
+        """The look under the red lamp, (H, W)."""
+        return self.picture[..., 3]
 
     @staticmethod
-    def mm_to_texel() -> npt.NDArray[np.float64]:
-        """Return the offsets and factor as (3, 3): nominal board mm (u, v) of the lower left corner -> see `place`."""
-        per_mm = 1e3 / TEXEL_UM
-        return np.array([[per_mm, 0.0, MARGIN_MM * per_mm - 0.5], [0.0, -per_mm, 0.0], [0.0, 0.0, 1.0]])
-
-    def from_mm(self, board: Board) -> npt.NDArray[np.float64]:
+    def from_mm(board: Board) -> npt.NDArray[np.float64]:
         """Return the (3, 3) map from nominal board mm (u right, v up) to texels, centres at integers."""
-        matrix = self.mm_to_texel()
-        matrix[1, 2] = (board.size_mm[1] + MARGIN_MM) * 1e3 / TEXEL_UM - 0.5
-        return matrix
+        per_mm = 1e3 / TEXEL_UM
+        left = MARGIN_MM * per_mm - 0.5
+        top = (board.size_mm[1] + MARGIN_MM) * per_mm - 0.5
+        return np.array([[per_mm, 0.0, left], [0.0, -per_mm, top], [0.0, 0.0, 1.0]])
 
     def _placed(self, shape: Shape, board: Board) -> tuple[npt.NDArray[np.float32], bool, tuple[float, ...]]:
         """Return outline in class points (fine grid), its polarity and its box in texels."""
@@ -126,9 +135,21 @@ class BoardTexture:
         """Draw the tiles that cover these texels, if they are not drawn yet."""
         for i in range(max(0, y0) // TILE, (min(self.height, y1) - 1) // TILE + 1):
             for j in range(max(0, x0) // TILE, (min(self.width, x1) - 1) // TILE + 1):
+                self._draw_once(i, j)
+
+    def draw_one_more(self) -> bool:
+        """Draw one tile nobody has looked at yet; return False once there is none left."""
+        for i in range((self.height - 1) // TILE + 1):
+            for j in range((self.width - 1) // TILE + 1):
                 if (i, j) not in self._done:
-                    self._draw_tile(i, j)
-                    self._done.add((i, j))
+                    self._draw_once(i, j)
+                    return True
+        return False
+
+    def _draw_once(self, i: int, j: int) -> None:
+        if (i, j) not in self._done:
+            self._draw_tile(i, j)
+            self._done.add((i, j))
 
     def _draw_tile(self, i: int, j: int) -> None:
         left, top = j * TILE, i * TILE
@@ -145,15 +166,12 @@ class BoardTexture:
             shaded = cv2.add(plane, relief, dtype=cv2.CV_8U)
             shaded = cv2.multiply(shaded, variation, scale=1.0 / 128.0)
             shaded = cv2.GaussianBlur(shaded, (3, 3), 0.7)[:height, :width]
-            if k < 3:
-                self.white[view][..., k] = shaded
-            else:
-                self.red[view] = shaded
+            self.picture[view][..., k] = shaded
 
     @staticmethod
     def _relief(classes: Picture) -> npt.NDArray[np.int16]:
         """Return the light and shade (TILE, TILE) at the edges of copper that the mask covers."""
-        covered = np.where((classes & (_COPPER | _OPEN)) == _COPPER, 255, 0).astype(np.uint8)
+        covered = cv2.LUT(classes, _COVERED_COPPER)
         small = cv2.GaussianBlur(cv2.resize(covered, (TILE, TILE), interpolation=cv2.INTER_AREA), (7, 7), 1.6)
         slope = small.astype(np.int16)
         relief = np.zeros_like(slope)

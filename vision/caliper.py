@@ -18,7 +18,6 @@ from vision.image import Gray, Plane
 Floats = NDArray[np.float64]
 # Residuals are weighted by Tukey's biweight with this many scales of reach (95 % efficient on Gaussian noise).
 TUKEY_REACH = 4.685
-FIT_ROUNDS = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +41,7 @@ class Line:
 
     def offset_px(self, x_px: float, y_px: float) -> float:
         """Return the signed distance of a point from the line; positive to the right of its direction as seen."""
-        return (y_px - self.y_px) * np.cos(self.angle_rad) - (x_px - self.x_px) * np.sin(self.angle_rad)
+        return float((y_px - self.y_px) * np.cos(self.angle_rad) - (x_px - self.x_px) * np.sin(self.angle_rad))
 
 
 @lru_cache(maxsize=16)
@@ -120,8 +119,7 @@ def edges(values: Plane, sigma_px: float = 1.0, least_strength: float = 5.0) -> 
 
 def tukey(residual: Floats, scale: float) -> Floats:
     """Return Tukey's biweight, 1 at zero residual, 0 beyond TUKEY_REACH scales."""
-    ratio = np.clip(np.abs(residual) / (TUKEY_REACH * scale), 0.0, 1.0)
-    return np.asarray((1.0 - ratio**2) ** 2, dtype=np.float64)
+    return np.asarray(np.square(np.maximum(1.0 - np.square(residual / (TUKEY_REACH * scale)), 0.0)), dtype=np.float64)
 
 
 def spread(residual: Floats, floor: float) -> float:
@@ -147,6 +145,7 @@ def robust_fit(
     start: Floats | None = None,
     floor: float = 0.03,
     ceiling: float = np.inf,
+    rounds: int = 6,
 ) -> Fit:
     """Solve design @ p = target by least squares with Tukey weights, iterated from `start` (N,) weights.
 
@@ -157,19 +156,19 @@ def robust_fit(
     pull = np.zeros(size) if prior is None else 1.0 / np.square(prior)
     weights = np.ones(design.shape[0]) if start is None else start
     scale = 1.0
-    parameters = np.zeros(size)
-    inverse = np.eye(size)
-    for turn in range(FIT_ROUNDS):
-        normal = (design * weights[:, None]).T @ design
+    parameters: Floats = np.zeros(size)
+    normal = np.eye(size)
+    for turn in range(rounds):
+        weighted = design.T * weights
+        normal = weighted @ design
         normal[np.diag_indices(size)] += pull * scale**2 + 1e-9
-        inverse = np.linalg.inv(normal)
-        parameters = inverse @ (design.T @ (weights * target))
+        parameters = np.asarray(np.linalg.solve(normal, weighted @ target), dtype=np.float64)
         residual = target - design @ parameters
         kept = residual[weights > 0.1]
         scale = spread(kept if kept.size > size else residual, floor)
-        scale = max(min(scale, ceiling * (FIT_ROUNDS - turn)), floor)
+        scale = max(min(scale, ceiling * (rounds - turn)), floor)
         weights = tukey(residual, scale)
-    return Fit(parameters, np.asarray(inverse * scale**2), weights, scale)
+    return Fit(parameters, np.asarray(np.linalg.inv(normal) * scale**2), weights, scale)
 
 
 def fit_straight_edge(
@@ -177,6 +176,7 @@ def fit_straight_edge(
     start_px: tuple[float, float],
     end_px: tuple[float, float],
     reach_px: float,
+    *,
     rising: bool | None = None,
     calipers: int = 40,
 ) -> Line | None:

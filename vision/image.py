@@ -28,7 +28,10 @@ SATURATED_LEVEL = 250
 def check_bgr(image: Any) -> Bgr:
     """Return `image` if it is (H, W, 3) uint8 with at least one pixel, else raise ValueError saying what it is."""
     if not isinstance(image, np.ndarray):
-        raise ValueError(f"expected a numpy array (H, W, 3) of uint8 in BGR order, got {type(image).__name__}")
+        # One error type for every unusable picture: callers catch ValueError.
+        raise ValueError(  # noqa: TRY004 -- see above
+            f"expected a numpy array (H, W, 3) of uint8 in BGR order, got {type(image).__name__}"
+        )
     if image.dtype != np.uint8:
         raise ValueError(f"expected uint8 pixels, got {image.dtype}; convert to 0..255 first")
     if image.ndim != 3 or image.shape[2] != 3:

@@ -8,16 +8,16 @@ h px further along. Every step that does not look as taught ends the search: no 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Any
 
 import cv2
 import numpy as np
 
 from vision.caliper import Line, derivative
-from vision.image import Bgr, Gray, Plane, check_bgr, check_exposure, despike, gray, highlight, median
+from vision.image import Bgr, Gray, Plane, check_bgr, check_exposure, despike, gray, highlight
 from vision.notfound import NotFound, Reason
-from vision.probe_model import SEARCH_REACH_PX, TEMPLATE_HEIGHT_PX, TEMPLATE_WIDTH_PX, ProbeModel
+from vision.probe_model import ProbeModel
+from vision.tip_search import Match, region, search
 from vision.tip_strip import (
     CALIPER_STEP_PX,
     CYLINDER_LENGTH_PX,
@@ -35,16 +35,14 @@ from vision.tip_strip import (
     fit_axis,
     join_rim,
     middle_profile,
-    rim_columns,
     quantiles,
+    rim_columns,
     rim_places,
     straighten,
     vote_axis,
 )
 from vision.tip_teach import marking_levels
 
-# Template search: fourth-size with these turns first, then half-size near the best.
-SEARCH_TURNS_DEG = (-2.4, 0.0, 2.4)
 LEAST_SCORE = 0.45
 # Share of the calipers that must find the taught silhouette.
 LEAST_VOTE, LEAST_SUPPORT = 0.35, 0.4
@@ -74,7 +72,8 @@ class Tip:
     edges: L1 (found from the right) and L2 (from the left); intersection_px: where they would meet (eq. 5.7);
     rim1_px, rim2_px: upper and lower rim of the marking on the bisector; score: correlation with the golden template;
     marking_contrast: 0..1; width_px: of the cylinder; bend_px: how far taper and cylinder disagree at the end;
-    sharpness: steepest slope of the lower rim over its step, 1/px (it falls as the picture blurs); shape: the measured silhouette.
+    sharpness: steepest slope of the lower rim over its step, 1/px (it falls as the picture blurs); edge_support: share
+    of calipers that lie on the fitted silhouette; shape: that silhouette.
     """
 
     x_px: float
@@ -94,16 +93,6 @@ class Tip:
     shape: NeedleShape
 
 
-@dataclass(frozen=True, slots=True)
-class _Match:
-    """Hold where the template fits best: place of the end in the frame, needle angle, correlation -1..1."""
-
-    x_px: float
-    y_px: float
-    angle_rad: float
-    score: float
-
-
 def find_tip(white_bgr: Any, model: ProbeModel) -> Tip | NotFound:
     """Find the needle's end in a white frame (H, W, 3) uint8 BGR, in the frame's pixels.
 
@@ -112,7 +101,7 @@ def find_tip(white_bgr: Any, model: ProbeModel) -> Tip | NotFound:
     another shape or type.
     """
     image = check_bgr(white_bgr)
-    x, y, width, height = _region(model)
+    x, y, width, height = region(model)
     if x < 0 or y < 0 or x + width > image.shape[1] or y + height > image.shape[0]:
         return NotFound(
             Reason.OUT_OF_FRAME,
@@ -124,7 +113,7 @@ def find_tip(white_bgr: Any, model: ProbeModel) -> Tip | NotFound:
     problem = check_exposure(plane, dark_level=60.0, dark_percentile=98.0, clipped_share=0.25)
     if problem is not None:
         return problem
-    match = _match(plane, model, (x, y))
+    match = search(plane, model, (x, y))
     if match.score < LEAST_SCORE:
         return NotFound(
             Reason.NO_NEEDLE,
@@ -135,72 +124,7 @@ def find_tip(white_bgr: Any, model: ProbeModel) -> Tip | NotFound:
     return found if isinstance(found, NotFound) else _shifted(found, x, y)
 
 
-def _region(model: ProbeModel) -> tuple[int, int, int, int]:
-    """Return the part of the frame that everything is measured in: x, y, width, height in px."""
-    shape = model.shape
-    up = shape.end_to_rim_px + shape.marking_px + RIM_CLEARANCE_PX + CYLINDER_LENGTH_PX + CALIPER_STEP_PX
-    side = shape.cylinder_half_px + 14.0
-    c, s = np.cos(model.angle_rad), np.sin(model.angle_rad)
-    u, v = np.array([-up, -up, 12.0, 12.0]), np.array([-side, side, -side, side])
-    xs, ys = model.tip_px[0] + u * c - v * s, model.tip_px[1] + u * s + v * c
-    x, y, width, height = model.search_roi_px
-    x1, y1 = min(int(xs.min()) - SEARCH_REACH_PX // 2, x), min(int(ys.min()) - SEARCH_REACH_PX // 2, y)
-    x2 = max(int(xs.max()) + SEARCH_REACH_PX // 2, x + width)
-    y2 = max(int(ys.max()) + SEARCH_REACH_PX // 2, y + height)
-    # The cylinder may leave the picture at the top or the left: its calipers stop there.
-    return min(max(x1, 0), x), min(max(y1, 0), y), x2 - min(max(x1, 0), x), y2 - min(max(y1, 0), y)
-
-
-def _match(plane: Gray, model: ProbeModel, origin: tuple[int, int]) -> _Match:
-    """Search the golden template around its taught place, coarse to fine, by masked normalised correlation."""
-    x, y, width, height = model.search_roi_px
-    cut = plane[y - origin[1] : y - origin[1] + height, x - origin[0] : x - origin[0] + width]
-    region = median(np.ascontiguousarray(cut), 7)
-    best, best_turn, best_at = -2.0, 0.0, (0.0, 0.0)
-    small = _shrink(region, 4)
-    for turn in SEARCH_TURNS_DEG:
-        score, at = _correlate(small, model, turn, 4)
-        if score > best:
-            best, best_turn, best_at = score, turn, at
-    margin = 6.0
-    left, top = (int(max(0.0, 4.0 * at - margin)) // 2 * 2 for at in best_at)
-    near = region[top : top + TEMPLATE_HEIGHT_PX + 2 * int(margin), left : left + TEMPLATE_WIDTH_PX + 2 * int(margin)]
-    score, at = _correlate(_shrink(near, 2), model, best_turn, 2)
-    corner_x, corner_y = x + left + 2.0 * at[0], y + top + 2.0 * at[1]
-    dx, dy = corner_x - model.corner_px[0], corner_y - model.corner_px[1]
-    # The template was turned about its own end, so the end moves with the template and nothing else.
-    return _Match(model.tip_px[0] + dx, model.tip_px[1] + dy, model.angle_rad + float(np.radians(best_turn)), score)
-
-
-def _shrink(plane: Gray, by: int) -> Gray:
-    size = (plane.shape[1] // by, plane.shape[0] // by)
-    return np.asarray(cv2.resize(plane, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-
-
-def _correlate(region: Gray, model: ProbeModel, turn_deg: float, by: int) -> tuple[float, tuple[float, float]]:
-    """Return the best masked correlation of the template, turned and shrunk, and its corner (x, y) in `region`."""
-    template, cover = _turned(model, turn_deg, by)
-    result = cv2.matchTemplate(region, template, cv2.TM_CCOEFF_NORMED, mask=cover)
-    result = np.where(np.isfinite(result) & (np.abs(result) <= 1.01), result, -1.0).astype(np.float32)
-    _, score, _, at = cv2.minMaxLoc(result)
-    return float(score), (float(at[0]), float(at[1]))
-
-
-@lru_cache(maxsize=16)
-def _turned(model: ProbeModel, turn_deg: float, by: int) -> tuple[Gray, Gray]:
-    """Return template and mask (0/1), turned about the needle's end and shrunk; models are compared by identity."""
-    tip = model.tip_px[0] - model.corner_px[0], model.tip_px[1] - model.corner_px[1]
-    matrix = cv2.getRotationMatrix2D(tip, -turn_deg, 1.0)
-    size = (TEMPLATE_WIDTH_PX, TEMPLATE_HEIGHT_PX)
-    template = cv2.warpAffine(model.template, matrix, size, borderMode=cv2.BORDER_REPLICATE)
-    mask = cv2.warpAffine(model.template_mask, matrix, size)
-    cover = _shrink(np.asarray(mask, dtype=np.uint8), by) > 127
-    return _shrink(np.asarray(template, dtype=np.uint8), by), cover.astype(np.uint8)
-
-
-def _measure(
-    plane: Gray, match: _Match, model: ProbeModel, origin: tuple[int, int]
-) -> Tip | NotFound:
+def _measure(plane: Gray, match: Match, model: ProbeModel, origin: tuple[int, int]) -> Tip | NotFound:
     """Measure the needle near the match; everything here is in the pixels of the region."""
     at = match.x_px - origin[0], match.y_px - origin[1]
     shape = model.shape
@@ -226,7 +150,9 @@ def _measure(
 
 def _strip(image: Plane, at: tuple[float, float], angle: float, shape: NeedleShape, spare_px: int) -> Strip:
     top = shape.end_to_rim_px + shape.marking_px + RIM_CLEARANCE_PX + CYLINDER_LENGTH_PX + CALIPER_STEP_PX
-    return straighten(image, at, angle, -int(top) - spare_px, 24 + spare_px, int(shape.cylinder_half_px) + 10 + spare_px)
+    return straighten(
+        image, at, angle, -int(top) - spare_px, 24 + spare_px, int(shape.cylinder_half_px) + 10 + spare_px
+    )
 
 
 def _blurred_or(strip: Strip, problem: NotFound) -> NotFound:
@@ -246,15 +172,17 @@ def _blurred(sharpness: float, least: float) -> NotFound:
 def _coarse_rim(strip: Strip, shape: NeedleShape) -> float | None:
     """Return how far the marking lies from where the match puts it (u, px), None if there is none."""
     slope = derivative(middle_profile(strip, (0.0, 0.0), 5)[None, :], 2.0)[0]
-    lower = int(round(-shape.end_to_rim_px)) - strip.u_from_px
-    upper = int(round(-shape.end_to_rim_px - shape.marking_px)) - strip.u_from_px
+    lower = round(-shape.end_to_rim_px) - strip.u_from_px
+    upper = round(-shape.end_to_rim_px - shape.marking_px) - strip.u_from_px
     reach = 14
     if upper - reach < 0:
         return None
     rise = slope[lower - reach : lower + reach + 1]
     fall = -slope[upper - reach : upper + reach + 1]
     # Both rims move together: the marking's length is known.
-    both = np.minimum(cv2.dilate(rise[None, :], np.ones((1, 5), np.uint8))[0], cv2.dilate(fall[None, :], np.ones((1, 5), np.uint8))[0])
+    both = np.minimum(
+        cv2.dilate(rise[None, :], np.ones((1, 5), np.uint8))[0], cv2.dilate(fall[None, :], np.ones((1, 5), np.uint8))[0]
+    )
     shift = int(np.argmax(both)) - reach
     if float(both[shift + reach]) < 4.0:
         return None
@@ -262,7 +190,7 @@ def _coarse_rim(strip: Strip, shape: NeedleShape) -> float | None:
     return float(np.argmax(rise[near]) + near.start - reach)
 
 
-def _fine(strip: Strip, model: ProbeModel, match: _Match) -> Tip | NotFound:
+def _fine(strip: Strip, model: ProbeModel, match: Match) -> Tip | NotFound:
     """Fit the edges, the bisector and the rims, check them against what was taught, and place the end."""
     shape = model.shape
     slope = across_slope(strip)
@@ -276,7 +204,9 @@ def _fine(strip: Strip, model: ProbeModel, match: _Match) -> Tip | NotFound:
     if axis is None or axis.support < LEAST_SUPPORT:
         share = 0.0 if axis is None else axis.support
         fact = f"only {100 * share:.0f} % of the edge points lie on the taught silhouette"
-        advice = "is another needle mounted, or is the background too busy here? Look from another place, or teach again"
+        advice = (
+            "is another needle mounted, or is the background too busy here? Look from another place, or teach again"
+        )
         return _blurred_or(strip, NotFound(Reason.WRONG_NEEDLE, f"{fact}: {advice}"))
     columns = rim_columns(shape)
     line = axis.a_px, axis.b
@@ -353,7 +283,7 @@ def _conclude(
     rim2: Rim,
     contrast: float,
     bend: float,
-    match: _Match,
+    match: Match,
     shape: NeedleShape,
     sharpness: float,
 ) -> Tip:
@@ -392,7 +322,7 @@ def _edge_line(strip: Strip, axis: Axis, shape: NeedleShape, side: float) -> Lin
     """Return the taper's edge on one side as a line in the image, through its point at u = 0."""
     x, y = strip.to_image(0.0, axis.a_px + side * shape.end_half_px)
     angle = strip.angle_rad + float(np.arctan(axis.b - side * shape.taper_slope))
-    return Line(x, y, angle, float(np.sqrt(axis.covariance[0, 0])), int(round(100 * axis.support)), 100)
+    return Line(x, y, angle, float(np.sqrt(axis.covariance[0, 0])), round(100 * axis.support), 100)
 
 
 def _no_marking(fact: str) -> NotFound:
@@ -401,6 +331,7 @@ def _no_marking(fact: str) -> NotFound:
 
 def _shifted(tip: Tip, x: int, y: int) -> Tip:
     """Return `tip` moved from the region's pixels to the frame's."""
+
     def moved(point: tuple[float, float]) -> tuple[float, float]:
         return point[0] + x, point[1] + y
 

@@ -175,8 +175,14 @@ def vote_axis(strip: Strip, slope: Plane, shape: NeedleShape, reach_px: int) -> 
 
 
 def edge_points(
-    strip: Strip, slope: Plane, shape: NeedleShape, axis: tuple[float, float], u_px: Floats, reach_px: int,
-    *, either_way: bool = False,
+    strip: Strip,
+    slope: Plane,
+    shape: NeedleShape,
+    axis: tuple[float, float],
+    u_px: Floats,
+    reach_px: int,
+    *,
+    either_way: bool = False,
 ) -> EdgePoints:
     """Return the sub-pixel outer edge points near the silhouette placed on `axis` (a, b), at rows `u_px`.
 
@@ -194,7 +200,9 @@ def edge_points(
         wanted = np.maximum(inwards, -0.7 * inwards) if either_way else inwards
         expected = axis[0] + axis[1] * u + side * shape.half_width(u)
         # Inner edges may not be taken for the outer one where the needle is thin: never look past its middle.
-        centre = np.clip(np.rint(expected).astype(np.intp) + strip.reach_px, reach_px + 1, slope.shape[1] - reach_px - 2)
+        centre = np.clip(
+            np.rint(expected).astype(np.intp) + strip.reach_px, reach_px + 1, slope.shape[1] - reach_px - 2
+        )
         columns = centre[:, None] + window[None, :]
         part = np.take_along_axis(wanted, columns, axis=1)
         peak = np.argmax(part, axis=1)

@@ -93,8 +93,8 @@ def _conclude(strip: Strip, shape: NeedleShape, click_px: tuple[float, float]) -
     )
     if abs(across) > CLICK_REACH_PX:
         raise ValueError(
-            f"the given end lies {abs(across):.1f} px beside the needle's measured axis (at most {CLICK_REACH_PX:.0f}): "
-            "click the very end again, before a dark, quiet background"
+            f"the given end lies {abs(across):.1f} px beside the needle's measured axis (at most "
+            f"{CLICK_REACH_PX:.0f}): click the very end again, before a dark, quiet background"
         )
     if not (0.3 < shape.end_half_px < 8.0):
         raise ValueError(

@@ -48,7 +48,7 @@ def demo(
     if not chosen:
         fail(
             f"{read.name} has no probe-able round target on its {side}",
-            advice=f"`reprobe board {folder} --side {side}` says why; try the other side, or give the board test points",
+            advice=f"`reprobe board {folder} --side {side}` says why; try the other side",
             code=USAGE,
         )
     output.mkdir(parents=True, exist_ok=True)

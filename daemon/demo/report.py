@@ -43,7 +43,7 @@ def _story(landing: Landing, out: Path) -> dict[str, Any]:
     pictures = {
         name: file.relative_to(out.resolve())
         for name in ("before", "after")
-        if folder and (file := folder / f"{name}-detail.jpg").exists()
+        if folder and (file := folder / f"{name}-pads.jpg").exists()
     }
     software_ms = sum(row["software"] for row in landing.result.timing_ms.values())
     return {"landing": landing, "result": landing.result, "pictures": pictures, "software_ms": software_ms}

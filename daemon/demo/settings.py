@@ -26,7 +26,7 @@ minimum = 0.0
 maximum = 200000.0
 speed = 150000.0
 acceleration = 2000000.0
-homing_method = 17
+homing_method = 21                  # home switch on the negative side
 homing_speed = 30000.0
 
 [axes.y]
@@ -37,7 +37,7 @@ minimum = 0.0
 maximum = 150000.0
 speed = 150000.0
 acceleration = 2000000.0
-homing_method = 17
+homing_method = 21                  # home switch on the negative side
 homing_speed = 30000.0
 
 [axes.z]
@@ -48,9 +48,9 @@ minimum = 0.0
 maximum = 30000.0
 speed = 40000.0
 acceleration = 1000000.0
-homing_method = 18
+homing_method = 19                  # home switch on the positive side: homing lifts the needle
 homing_speed = 20000.0
-homing_position = {z_home}
+homing_position = 30000.0
 
 [axes.theta]
 bus = "main"
@@ -60,9 +60,8 @@ minimum = -220.0
 maximum = 100.0
 speed = 180.0
 acceleration = 2000.0
-homing_method = 17
+homing_method = 19
 homing_speed = 60.0
-homing_position = {theta_home}
 
 [gantry]
 safe_z_um = 12000.0
@@ -95,8 +94,6 @@ origin_y_um = 40000.0
 control = "{control}"
 events = "{events}"
 """
-Z_HOME_UM = 30000.0
-THETA_HOME_DEG = -220.0
 
 
 @dataclass(frozen=True)
@@ -122,7 +119,7 @@ def write_settings(places: Places) -> Path:
     path.write_text(
         _TOML.format(
             line=places.line, camera=places.socket("camera"), control=places.socket("control"),
-            events=places.socket("events"), z_home=Z_HOME_UM, theta_home=THETA_HOME_DEG,
+            events=places.socket("events"), 
         )
     )  # fmt: skip
     return path

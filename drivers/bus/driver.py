@@ -20,7 +20,7 @@ from drivers.bus.contract import BusTiming, Line
 from drivers.bus.link import ByteTap, Link
 from drivers.bus.pdus import OdPdu
 from drivers.deadline import Deadline
-from drivers.errors import DeviceRefused, LinkError, LinkTimeout, ReplyError
+from drivers.errors import DeadlinePassed, DeviceRefused, LinkError, LinkTimeout, ReplyError
 
 T = TypeVar("T")
 
@@ -206,6 +206,8 @@ class ModbusBus:
             tries -= 1
             try:
                 return await self._attempt(request, deadline, take, od_write=od_write)
+            except DeadlinePassed:
+                raise
             except (LinkTimeout, ReplyError) as exc:
                 if tries == 0 or deadline.expired:
                     raise
@@ -217,7 +219,7 @@ class ModbusBus:
     ) -> T:
         device = self._device(request.dev_id)
         if deadline.expired:
-            raise LinkTimeout(f"no time left for FC {request.function_code}", device=device)
+            raise DeadlinePassed(f"no time left for FC {request.function_code}", device=device)
         try:
             async with asyncio.timeout(deadline.remaining_s):
                 await self._lock.acquire()
@@ -228,9 +230,8 @@ class ModbusBus:
         except LinkTimeout:
             raise
         except TimeoutError as exc:
-            self.statistics.timeouts += 1
             text = f"deadline passed during FC {request.function_code}"
-            raise LinkTimeout(text, device=device) from exc
+            raise DeadlinePassed(text, device=device) from exc
 
     def _over(self, task: asyncio.Task[ModbusPDU]) -> None:
         self._open_requests.discard(task)

@@ -166,8 +166,8 @@ class RunningCamera:
             self._wishes = [wish for wish in self._wishes if wish not in served]
         for wish in served:
             if wish.future.set_running_or_notify_cancel():
-                wish.future.set_result(frame)
                 self._count(delivered=1)
+                wish.future.set_result(frame)
 
     def _is_frozen(self, pixels: Pixels) -> bool:
         if not self.config.refuse_identical:

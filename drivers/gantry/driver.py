@@ -8,7 +8,7 @@ from dataclasses import replace
 import structlog
 
 from drivers.deadline import Deadline
-from drivers.errors import MotionError, MotionTimeout, NotHomed, Stalled
+from drivers.errors import DeadlinePassed, MotionError, MotionTimeout, NotHomed, Stalled
 from drivers.gantry.contract import GantryConfig, Position, axis_theta_deg
 from drivers.gantry.path import Ends, Leg, plan
 from drivers.l4118 import Axis, AxisFindings, AxisHealth
@@ -111,9 +111,6 @@ class Gantry:
             await self._axes[name].begin_move(at, deadline)
         under_way = set(leg)
         while under_way:
-            if deadline.expired:
-                text = f"{', '.join(sorted(under_way))} not there by the deadline"
-                raise MotionTimeout(text, device=_NAME)
             for name in sorted(under_way):
                 if await self._axes[name].arrived(deadline):
                     under_way.discard(name)
@@ -169,6 +166,8 @@ class Gantry:
         except BaseException as exc:
             self._log.warning("gantry.stopping", cause=f"{type(exc).__name__}: {exc}")
             await finish(self._halt_all())
+            if isinstance(exc, DeadlinePassed):
+                raise MotionTimeout("not there by the deadline", device=_NAME) from exc
             raise
         finally:
             self._moving = False

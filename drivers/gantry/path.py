@@ -25,13 +25,12 @@ def plan(now: Position, target: Position, config: GantryConfig, ends: Ends) -> l
     A leg names only the axes that move. A pure Z move has no retract.
     """
     legs: list[Leg] = []
-    lateral = _is_lateral(now, target, config)
+    across = _across(now, target, config, ends)
     z_um = now.z_um
-    if lateral:
-        if z_um < config.safe_z_um:
-            z_um = config.safe_z_um
-            legs.append({"z": z_um})
-        legs += _across(now, target, config, ends)
+    if across and z_um < config.safe_z_um:
+        z_um = config.safe_z_um
+        legs.append({"z": z_um})
+    legs += across
     above_um = min(target.z_um + config.backlash_z_um, ends.z_um[1])
     if z_um < above_um and config.backlash_z_um > 0:
         legs.append({"z": above_um})
@@ -39,23 +38,30 @@ def plan(now: Position, target: Position, config: GantryConfig, ends: Ends) -> l
     return legs
 
 
-def _is_lateral(now: Position, target: Position, config: GantryConfig) -> bool:
-    return (
-        abs(target.x_um - now.x_um) > config.same_place_um
-        or abs(target.y_um - now.y_um) > config.same_place_um
-        or abs(target.theta_deg - now.theta_deg) > config.same_place_deg
-    )
-
-
 def _across(now: Position, target: Position, config: GantryConfig, ends: Ends) -> list[Leg]:
-    """Go to a point below the target in X, Y and theta, then up to it: always the same flank of the screw."""
-    before = {
-        "x": max(target.x_um - config.backlash_um, ends.x_um[0]),
-        "y": max(target.y_um - config.backlash_um, ends.y_um[0]),
-        "theta": max(target.theta_deg - config.backlash_theta_deg, ends.theta_deg[0]),
+    """Go to a point below the target in X, Y and theta, then up to it: always the same flank of the screw.
+
+    An axis that is there already stays: it came from the right side when it came.
+    """
+    axes = {
+        "x": (now.x_um, target.x_um, config.same_place_um, config.backlash_um, ends.x_um[0]),
+        "y": (now.y_um, target.y_um, config.same_place_um, config.backlash_um, ends.y_um[0]),
+        "theta": (
+            now.theta_deg,
+            target.theta_deg,
+            config.same_place_deg,
+            config.backlash_theta_deg,
+            ends.theta_deg[0],
+        ),
     }
-    here = {"x": now.x_um, "y": now.y_um, "theta": now.theta_deg}
-    # An axis already below the point comes from the right side anyway
-    aside = {name: at for name, at in before.items() if here[name] > at}
-    final = {"x": target.x_um, "y": target.y_um, "theta": target.theta_deg}
-    return [aside, final] if aside else [final]
+    aside: dict[str, float] = {}
+    final: dict[str, float] = {}
+    for name, (here, to, same, backlash, low) in axes.items():
+        if abs(to - here) <= same:
+            continue
+        final[name] = to
+        before = max(to - backlash, low)
+        # From further below it comes from the right side anyway
+        if here > before:
+            aside[name] = before
+    return [leg for leg in (aside, final) if leg]

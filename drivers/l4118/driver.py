@@ -2,7 +2,8 @@
 
 import asyncio
 import time
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
 from typing import Final
 
 import structlog
@@ -10,12 +11,15 @@ import structlog
 from drivers.bus import ModbusBus
 from drivers.deadline import Deadline
 from drivers.errors import (
+    DeadlinePassed,
     DeviceError,
     DeviceRefused,
     DriveFault,
     EmergencyStop,
     EnvelopeViolation,
     LimitHit,
+    LinkError,
+    LinkTimeout,
     MotionError,
     MotionTimeout,
     NotHomed,
@@ -32,9 +36,12 @@ from drivers.shielded import finish
 
 # Time given to a stop, which must end by itself even when everything else is broken
 STOP_S: Final = 3.0
+# Time given to a lost line to come back for a halt
+RELINK_S: Final = 1.0
 # Homing where the axis stands: nothing turns, so the status never shows it under way
 _HOMING_IN_PLACE = frozenset({35, 37})
-_STOPS = frozenset({Control.DISABLE_VOLTAGE, Control.QUICK_STOP, Control.SHUTDOWN, Control.HALT})
+# What may still be commanded after a stop: nothing of it starts a motor
+_HARMLESS = frozenset({Control.DISABLE_VOLTAGE, Control.SHUTDOWN, Control.HALT, Control.FAULT_RESET})
 
 
 class Axis:
@@ -120,13 +127,10 @@ class Axis:
         self.check(target_units)
         if not await self.homed(deadline):
             raise NotHomed("no reference", device=self.config.name)
-        try:
+        async with self._halting(f"move to {target_units:.3f}"):
             await self.begin_move(target_units, deadline)
-            while not await self.arrived(deadline):
-                await self._pause(deadline, f"move to {target_units:.3f}")
-        except BaseException:
-            await finish(self.halt_if_possible())
-            raise
+            while not await self.arrived(deadline):  # noqa: ASYNC110 - each turn asks the drive
+                await asyncio.sleep(self.config.poll_s)
         return await self.status(deadline)
 
     async def begin_move(self, target_units: float, deadline: Deadline) -> None:
@@ -135,34 +139,32 @@ class Axis:
         await self._enable(Mode.PROFILE_POSITION, deadline)
         drive = self._drive
         drive.target_increments = self.config.to_increments(target_units)
-        limit = deadline.within(self.config.state_timeout_s)
         before = await self._command(Control.ENABLE, deadline)
         # Bit 12 of the former set-point must be gone, else it would be taken for ours
-        await self._until(lambda s: not s.acknowledged, limit, "old set-point acknowledge did not clear", deadline)
-        await self._command(Control.NEW_SET_POINT, deadline)
-        limit = deadline.within(self.config.state_timeout_s)
-        await self._until(lambda s: s.acknowledged, limit, "set-point was not acknowledged", deadline)
+        await self._until(lambda s: not s.acknowledged, before, "old set-point acknowledge stays", deadline)
+        status = await self._command(Control.NEW_SET_POINT, deadline)
+        await self._until(lambda s: s.acknowledged, status, "set-point was not acknowledged", deadline)
         await self._command(Control.ENABLE, deadline)
         self._watch = ArrivalWatch(self.config, before.position_units, target_units, time.monotonic())
 
     async def arrived(self, deadline: Deadline) -> bool:
         """Look at a move begun before; raise LimitHit, Stalled, DriveFault or EmergencyStop when it failed."""
-        if self._watch is None:
-            raise MotionError("no move was begun", device=self.config.name)
+        watch = self._watch
+        if watch is None:
+            raise self._stop_error() if self._stopped else MotionError("no move", device=self.config.name)
         status = await self.status(deadline)
         await self._must_run(status, deadline)
-        return self._watch.arrived(status, time.monotonic())
+        if self._stopped:
+            raise self._stop_error()
+        return watch.arrived(status, time.monotonic())
 
     async def home(self, deadline: Deadline) -> None:
         """Find the reference; leaves the marker in the drive. Any failure or cancellation halts the axis."""
         limit = deadline.within(self.config.homing.timeout_s)
-        try:
+        async with self._halting("homing"):
             await self.start(limit)
             await self._prepare_homing(limit)
             await self._run_homing(limit)
-        except BaseException:
-            await finish(self.halt_if_possible())
-            raise
         await self._write_limits(deadline)
         await self._drive.write_checked(od.HOMED_MARKER, self.config.homed_marker, deadline)
         self._log.info("axis.homed")
@@ -185,21 +187,32 @@ class Axis:
     async def _run_homing(self, deadline: Deadline) -> None:
         await self._enable(Mode.HOMING, deadline)
         stale = (await self._command(Control.ENABLE, deadline)).acknowledged
-        await self._command(Control.START, deadline)
+        status = await self._command(Control.START, deadline)
         if stale and self.config.homing.method not in _HOMING_IN_PLACE:
-            limit = deadline.within(self.config.state_timeout_s)
-            await self._until(lambda s: not s.acknowledged, limit, "homing did not start", deadline)
+            await self._until(lambda s: not s.acknowledged, status, "homing did not start", deadline)
         status = await self.status(deadline)
         while not (status.acknowledged and status.target_reached):
             if status.mode_error:
                 text = f"homing method {self.config.homing.method} failed (status {status.statusword:04X}h)"
                 raise MotionError(text, device=self.config.name, advice="Check the home and limit switches.")
-            await self._pause(deadline, "homing")
+            await asyncio.sleep(self.config.poll_s)
             status = await self.status(deadline)
             await self._must_run(status, deadline)
         await self._command(Control.ENABLE, deadline)
 
     # ------------------------------------------------------------------ stops
+    @asynccontextmanager
+    async def _halting(self, doing: str) -> AsyncIterator[None]:
+        """Halt the axis before any failure or cancellation goes on."""
+        try:
+            yield
+        except BaseException as exc:
+            await finish(self.halt_if_possible())
+            if isinstance(exc, DeadlinePassed):
+                text = f"{doing} was not over by its deadline"
+                raise MotionTimeout(text, device=self.config.name) from exc
+            raise
+
     async def halt(self) -> None:
         """Ramp down, wait until the axis stands, switch off (a halt released would finish the old move).
 
@@ -219,11 +232,21 @@ class Axis:
         await self._command(Control.SHUTDOWN, Deadline.after(STOP_S))
 
     async def halt_if_possible(self) -> None:
-        """Halt as the answer to another failure, which must not be hidden: what goes wrong here is only logged."""
-        try:
-            await self.halt()
-        except DeviceError as exc:
-            self._log.error("axis.halt_failed", cause=str(exc))
+        """Halt as the answer to another failure, which must not be hidden: what goes wrong here is only logged.
+
+        A line that is lost gets a second to come back: a motor may be running at its other end.
+        """
+        limit = Deadline.after(RELINK_S)
+        while True:
+            try:
+                await self.halt()
+                return
+            except DeviceError as exc:
+                link_lost = isinstance(exc, LinkError) and not isinstance(exc, LinkTimeout)
+                if limit.expired or not link_lost:
+                    self._log.error("axis.halt_failed", cause=str(exc))
+                    return
+            await asyncio.sleep(RELINK_S / 10)
 
     async def quick_stop(self) -> None:
         """Stop on the quick-stop ramp (6085h). Has its own deadline; homing is kept.
@@ -265,8 +288,8 @@ class Axis:
         await self._step(Control.SHUTDOWN, State.READY, deadline)
         await self._step(Control.SWITCH_ON, State.SWITCHED_ON, deadline)
         await self._step(Control.ENABLE, State.OPERATION_ENABLED, deadline)
-        limit = deadline.within(self.config.state_timeout_s)
-        await self._until(lambda s: s.mode == mode, limit, f"6061h does not show mode {mode.value}", deadline)
+        status = await self.status(deadline)
+        await self._until(lambda s: s.mode == mode, status, f"6061h does not show mode {mode.value}", deadline)
 
     async def _step(self, control: Control, wanted: State, deadline: Deadline) -> None:
         limit = deadline.within(self.config.state_timeout_s)
@@ -288,29 +311,27 @@ class Axis:
 
     async def _command(self, control: Control, deadline: Deadline) -> AxisStatus:
         async with self._commanding:
-            if self._stopped and control not in _STOPS:
-                raise EmergencyStop("stopped while moving", device=self.config.name)
+            if self._stopped and control not in _HARMLESS:
+                raise self._stop_error()
             return await self._drive.command(control, deadline)
 
     async def _until(
-        self, holds: Callable[[AxisStatus], bool], limit: Deadline, otherwise: str, deadline: Deadline
+        self, holds: Callable[[AxisStatus], bool], status: AxisStatus, otherwise: str, deadline: Deadline
     ) -> None:
-        while True:
-            status = await self.status(deadline)
-            if holds(status):
-                return
+        """Look again until `holds`, beginning with a look already made; the drive must keep running."""
+        limit = deadline.within(self.config.state_timeout_s)
+        while not holds(status):
             await self._must_run(status, deadline)
             if limit.expired:
                 text = f"{otherwise} (status {status.statusword:04X}h)"
                 raise MotionTimeout(text, device=self.config.name)
             await asyncio.sleep(self.config.poll_s)
-
-    async def _pause(self, deadline: Deadline, doing: str) -> None:
-        if deadline.expired:
-            raise MotionTimeout(f"{doing} was not over by its deadline", device=self.config.name)
-        await asyncio.sleep(self.config.poll_s)
+            status = await self.status(deadline)
 
     # ------------------------------------------------------------------ what went wrong
+    def _stop_error(self) -> EmergencyStop:
+        return EmergencyStop("stopped by the program", device=self.config.name)
+
     async def _must_run(self, status: AxisStatus, deadline: Deadline) -> None:
         """Raise what happened when the drive is no longer in operation enabled."""
         if status.state is State.OPERATION_ENABLED:

@@ -89,9 +89,9 @@ class SerialRelayLights:
         off = [command(channel, on=False) for ring, channel in self._channels.items() if ring is not light]
         on = [command(self._channels[light], on=True)] if light in self._channels else []
         async with self._switching:
-            # The bytes go out whole or not at all, even if the caller is cancelled meanwhile
-            sending = asyncio.get_running_loop().run_in_executor(self._worker, self._send, off + on)
             try:
+                # The bytes go out whole or not at all, even if the caller is cancelled meanwhile
+                sending = asyncio.get_running_loop().run_in_executor(self._worker, self._send, off + on)
                 async with asyncio.timeout(deadline.remaining_s):
                     await asyncio.shield(sending)
             except TimeoutError as exc:

@@ -1,7 +1,7 @@
 """A line with a scripted far end, and a check that nothing is left running."""
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from pathlib import Path
 
 import pytest
@@ -11,6 +11,7 @@ from drivers.deadline import Deadline
 from tests.drivers.peers.line import Answer, PtyLine
 
 MakeLine = Callable[[Answer], PtyLine]
+OpenBus = Callable[..., Awaitable[ModbusBus]]
 
 
 @pytest.fixture(autouse=True)
@@ -48,11 +49,11 @@ def soon() -> Deadline:
 
 
 @pytest.fixture
-async def open_bus() -> AsyncIterator[Callable[..., object]]:
+async def open_bus() -> AsyncIterator[OpenBus]:
     buses: list[ModbusBus] = []
 
     async def open_(line: PtyLine, **options: object) -> ModbusBus:
-        settings: dict[str, object] = {"gap_s": 0.0, "timeout_s": 0.1, **options}
+        settings: dict[str, object] = {"gap_s": 0.0, "timeout_s": 1.0, **options}
         buses.append(await ModbusBus.open(serial_line(line), **settings))  # type: ignore[arg-type]
         return buses[-1]
 

@@ -71,7 +71,7 @@ class Canvas:
     """A part of the frame, drawn fine."""
 
     def __init__(self, centre: tuple[float, float], half: tuple[int, int], base: float) -> None:
-        self.x0, self.y0 = int(round(centre[0])) - half[0], int(round(centre[1])) - half[1]
+        self.x0, self.y0 = round(centre[0]) - half[0], round(centre[1]) - half[1]
         self.width, self.height = 2 * half[0], 2 * half[1]
         columns = self.x0 + (np.arange(self.width * FINER, dtype=np.float32) + 0.5) / FINER - 0.5
         rows = self.y0 + (np.arange(self.height * FINER, dtype=np.float32) + 0.5) / FINER - 0.5
@@ -189,7 +189,7 @@ def frame_of(part: NDArray[np.uint8], canvas: Canvas, white: bool, fill: float) 
 
 def white_frame(
     needle: Needle | None,
-    camera: Camera = Camera(),  # noqa: B008 -- frozen: one shared default is safe
+    camera: Camera = Camera(),
     seed: int = 0,
     clutter: float = 1.0,
     pads: tuple[Pad, ...] = (),
@@ -213,7 +213,7 @@ def white_frame(
 def red_frame(
     pads: tuple[Pad, ...],
     needle: Needle | None = None,
-    camera: Camera = Camera(),  # noqa: B008 -- frozen: one shared default is safe
+    camera: Camera = Camera(),
     seed: int = 0,
     clutter: Callable[[Canvas, np.random.Generator], None] | None = None,
     minor_deg: float = AXIS_DEG,

@@ -3,6 +3,8 @@
 import asyncio
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Literal
 
 import pytest
 
@@ -10,11 +12,11 @@ from drivers.bus import BusTiming, ModbusBus, SerialLine, TcpLine
 from drivers.deadline import Deadline
 from drivers.errors import LinkError, LinkTimeout
 from tests.drivers.bus.test_bus_traps import value_of_address
-from tests.drivers.conftest import serial_line
+from tests.drivers.conftest import MakeLine, OpenBus, serial_line
 from tests.drivers.peers.line import crc
 
 
-async def test_a_missing_port_is_named(tmp_path) -> None:
+async def test_a_missing_port_is_named(tmp_path: Path) -> None:
     """It should raise a LinkError with the path and what to do."""
     with pytest.raises(LinkError, match="cannot be opened") as caught:
         await ModbusBus.open(SerialLine(str(tmp_path / "ttyUSB7"), parity="N"))
@@ -22,7 +24,7 @@ async def test_a_missing_port_is_named(tmp_path) -> None:
     assert "Plug in" in caught.value.advice
 
 
-async def test_a_parity_a_pty_cannot_do_is_named(make_line) -> None:
+async def test_a_parity_a_pty_cannot_do_is_named(make_line: MakeLine) -> None:
     """It should turn termios.error, which is no OSError, into a LinkError."""
     line = make_line(value_of_address)
     with pytest.raises(LinkError) as caught:
@@ -30,7 +32,7 @@ async def test_a_parity_a_pty_cannot_do_is_named(make_line) -> None:
     assert "parity" in caught.value.advice
 
 
-async def test_the_port_is_held_alone(make_line, open_bus) -> None:
+async def test_the_port_is_held_alone(make_line: MakeLine, open_bus: OpenBus) -> None:
     """It should refuse a second daemon on the same port."""
     line = make_line(value_of_address)
     await open_bus(line)
@@ -39,10 +41,12 @@ async def test_the_port_is_held_alone(make_line, open_bus) -> None:
     assert "Another program" in caught.value.advice
 
 
-async def test_a_pulled_cable_is_a_link_error_and_comes_back(make_line, open_bus, soon) -> None:
+async def test_a_pulled_cable_is_a_link_error_and_comes_back(
+    make_line: MakeLine, open_bus: OpenBus, soon: Deadline
+) -> None:
     """It should fail at once while the cable is out, and work again when it is in."""
     line = make_line(value_of_address)
-    bus = await open_bus(line, reconnect_max_s=0.05)
+    bus = await open_bus(line, timeout_s=0.1, reconnect_max_s=0.05)
     assert await bus.read_registers(1, 1, 1, soon) == (1,)
     line.unplug()
     with pytest.raises(LinkError):
@@ -63,10 +67,12 @@ async def test_a_pulled_cable_is_a_link_error_and_comes_back(make_line, open_bus
     assert bus.reconnects == 1
 
 
-async def test_a_cable_pulled_while_waiting_is_a_link_error(make_line, open_bus, soon) -> None:
+async def test_a_cable_pulled_while_waiting_is_a_link_error(
+    make_line: MakeLine, open_bus: OpenBus, soon: Deadline
+) -> None:
     """It should not be reported as a silent slave."""
     line = make_line(lambda _: [])
-    bus = await open_bus(line, attempts=1)
+    bus = await open_bus(line, timeout_s=0.1, attempts=1)
     task = asyncio.create_task(bus.read_registers(1, 2, 1, soon))
     await line.request_seen.wait()
     line.unplug()
@@ -74,10 +80,10 @@ async def test_a_cable_pulled_while_waiting_is_a_link_error(make_line, open_bus,
         await task
 
 
-async def test_a_lost_line_is_not_hammered(make_line, open_bus, soon) -> None:
+async def test_a_lost_line_is_not_hammered(make_line: MakeLine, open_bus: OpenBus, soon: Deadline) -> None:
     """It should say when it will try again instead of trying on every call."""
     line = make_line(value_of_address)
-    bus = await open_bus(line)
+    bus = await open_bus(line, timeout_s=0.1)
     line.unplug()
     texts = []
     for _ in range(3):
@@ -127,7 +133,9 @@ def mbap(data: bytes) -> bytes:
 
 
 @pytest.mark.parametrize(("framing", "wrap"), [("rtu", rtu), ("tcp", mbap)])
-async def test_the_bus_speaks_rtu_and_modbus_tcp_over_a_socket(framing, wrap, soon) -> None:
+async def test_the_bus_speaks_rtu_and_modbus_tcp_over_a_socket(
+    framing: Literal["rtu", "tcp"], wrap: Callable[[bytes], bytes], soon: Deadline
+) -> None:
     """It should read registers over both."""
     async with tcp_slave(wrap) as port:
         bus = await ModbusBus.open(TcpLine("127.0.0.1", port, framing), timeout_s=1.0)
@@ -135,7 +143,7 @@ async def test_the_bus_speaks_rtu_and_modbus_tcp_over_a_socket(framing, wrap, so
         await bus.close()
 
 
-async def test_an_abort_passes_modbus_tcp_too(soon) -> None:
+async def test_an_abort_passes_modbus_tcp_too(soon: Deadline) -> None:
     """It should decode AB FF without the RTU framer."""
     body = bytes.fromhex("01 ab ff 00 06 0d ce 06 02 00 00")
 

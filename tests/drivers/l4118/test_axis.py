@@ -2,12 +2,15 @@
 
 import asyncio
 import dataclasses
+from collections.abc import Awaitable, Callable
+from typing import Any
 
 import pytest
 
 from drivers.bus import OdAddressing
 from drivers.deadline import Deadline
 from drivers.errors import (
+    DeviceError,
     DriveFault,
     EmergencyStop,
     EnvelopeViolation,
@@ -21,15 +24,19 @@ from drivers.errors import (
 )
 from drivers.l4118 import Axis, AxisConfig, HomingConfig
 from drivers.l4118.image import RX_WANTED, TX_WANTED
+from tests.drivers.conftest import MakeLine, OpenBus
 from tests.drivers.peers.drive import DEFAULT_TX, DriveModel, Variant
 
+MakeAxis = Callable[..., Awaitable[Axis]]
+Homed = tuple[Axis, DriveModel]
+
 CONFIG = AxisConfig(
-    "Z", 3, 1638.4, 0.0, 30000.0, 20000.0, 100000.0, 1.0, poll_s=0.001, stall_s=0.1, state_timeout_s=0.2
+    "Z", 3, 1638.4, 0.0, 30000.0, 20000.0, 100000.0, 1.0, poll_s=0.001, stall_s=0.1, state_timeout_s=0.5
 )
 
 
 @pytest.fixture
-def make_axis(make_line, open_bus):
+def make_axis(make_line: MakeLine, open_bus: OpenBus) -> MakeAxis:
     async def make(drive: DriveModel, config: AxisConfig = CONFIG, **bus: object) -> Axis:
         return Axis(await open_bus(make_line(drive.answer), **bus), config)
 
@@ -37,7 +44,7 @@ def make_axis(make_line, open_bus):
 
 
 @pytest.fixture
-async def homed(make_axis, soon):
+async def homed(make_axis: MakeAxis, soon: Deadline) -> Homed:
     drive = DriveModel(3)
     axis = await make_axis(drive)
     await axis.home(soon)
@@ -59,7 +66,9 @@ VARIANTS = [
 
 
 @pytest.mark.parametrize("variant", VARIANTS, ids=str)
-async def test_every_open_point_of_the_manuals_is_settled_without_motion(make_axis, soon, variant) -> None:
+async def test_every_open_point_of_the_manuals_is_settled_without_motion(
+    make_axis: MakeAxis, soon: Deadline, variant: Variant
+) -> None:
     """It should find index order, NODE and word order by itself, and then move to the right place."""
     drive = DriveModel(3, variant)
     axis = await make_axis(drive)
@@ -75,7 +84,9 @@ async def test_every_open_point_of_the_manuals_is_settled_without_motion(make_ax
     assert await axis.position(soon) == 20000.0
 
 
-async def test_a_mapping_that_lacks_something_is_replaced_and_one_that_serves_is_kept(make_axis, soon) -> None:
+async def test_a_mapping_that_lacks_something_is_replaced_and_one_that_serves_is_kept(
+    make_axis: MakeAxis, soon: Deadline
+) -> None:
     """It should write its own image where the drive's has foreign objects, and leave a fitting one alone."""
     drive = DriveModel(3)
     axis = await make_axis(drive)
@@ -90,7 +101,7 @@ async def test_a_mapping_that_lacks_something_is_replaced_and_one_that_serves_is
     assert (await axis.status(soon)).positive_limit
 
 
-async def test_a_mapping_that_does_not_take_is_an_error(make_axis, soon) -> None:
+async def test_a_mapping_that_does_not_take_is_an_error(make_axis: MakeAxis, soon: Deadline) -> None:
     """It should read back what it wrote and not work on with another image."""
     drive = DriveModel(3)
     keep = drive.put
@@ -108,7 +119,9 @@ async def test_a_mapping_that_does_not_take_is_an_error(make_axis, soon) -> None
         (lambda d: d.od.update({(0x3602, 0): [1, 17]}), ReplyError, "17 entries"),
     ],
 )
-async def test_a_drive_that_does_not_fit_is_refused(make_axis, soon, spoil, error, text) -> None:
+async def test_a_drive_that_does_not_fit_is_refused(
+    make_axis: MakeAxis, soon: Deadline, spoil: Callable[[Any], object], error: type[DeviceError], text: str
+) -> None:
     """It should say what is wrong instead of working on."""
     drive = DriveModel(3)
     spoil(drive)
@@ -117,7 +130,7 @@ async def test_a_drive_that_does_not_fit_is_refused(make_axis, soon, spoil, erro
         await axis.start(soon)
 
 
-async def test_settings_that_contradict_the_drive_are_refused(make_axis, soon) -> None:
+async def test_settings_that_contradict_the_drive_are_refused(make_axis: MakeAxis, soon: Deadline) -> None:
     """It should not overrule what the drive shows."""
     drive = DriveModel(3)
     wrong_words = await make_axis(drive, dataclasses.replace(CONFIG, word_order="little"))
@@ -128,7 +141,7 @@ async def test_settings_that_contradict_the_drive_are_refused(make_axis, soon) -
         await (await make_axis(drive, wrong_index)).start(soon)
 
 
-async def test_a_drive_found_running_is_brought_to_rest(make_axis, homed, soon) -> None:
+async def test_a_drive_found_running_is_brought_to_rest(make_axis: MakeAxis, homed: Homed, soon: Deadline) -> None:
     """It should halt and switch off a drive whose former owner died in a move."""
     axis, drive = homed
     drive.step = 10
@@ -142,7 +155,7 @@ async def test_a_drive_found_running_is_brought_to_rest(make_axis, homed, soon) 
     assert drive.position == stands
 
 
-async def test_software_limits_and_ramps_are_in_the_drive(homed) -> None:
+async def test_software_limits_and_ramps_are_in_the_drive(homed: Homed) -> None:
     """It should give the drive its range once it is homed."""
     _, drive = homed
     assert drive.od[0x607D, 1][1] == 0
@@ -152,7 +165,7 @@ async def test_software_limits_and_ramps_are_in_the_drive(homed) -> None:
 
 
 # ---------------------------------------------------------------- moves
-async def test_a_move_follows_the_handshake(homed, soon) -> None:
+async def test_a_move_follows_the_handshake(homed: Homed, soon: Deadline) -> None:
     """It should step through the states, set one set-point and wait for its acknowledge."""
     axis, drive = homed
     await axis.move_to(500.0, soon)
@@ -162,7 +175,7 @@ async def test_a_move_follows_the_handshake(homed, soon) -> None:
     assert drive.log == [f"move {100 * 1638.4:.0f}"]
 
 
-async def test_a_short_move_is_not_believed_before_its_acknowledge(homed, soon) -> None:
+async def test_a_short_move_is_not_believed_before_its_acknowledge(homed: Homed, soon: Deadline) -> None:
     """It should wait for bit 12: the target-reached bit is still the former move's."""
     axis, drive = homed
     await axis.move_to(500.0, soon)
@@ -171,7 +184,7 @@ async def test_a_short_move_is_not_believed_before_its_acknowledge(homed, soon) 
         await axis.move_to(600.0, soon)
 
 
-async def test_lost_replies_do_not_double_a_move(make_line, open_bus, soon) -> None:
+async def test_lost_replies_do_not_double_a_move(make_line: MakeLine, open_bus: OpenBus, soon: Deadline) -> None:
     """It should come to the same place though every third reply is lost."""
     drive = DriveModel(3)
     count = 0
@@ -182,7 +195,7 @@ async def test_lost_replies_do_not_double_a_move(make_line, open_bus, soon) -> N
         reply = drive.answer(request)
         return [] if count % 3 == 0 else reply
 
-    axis = Axis(await open_bus(make_line(lossy), timeout_s=0.02, late_reply_s=0.02), CONFIG)
+    axis = Axis(await open_bus(make_line(lossy), timeout_s=0.03, late_reply_s=0.03, attempts=8), CONFIG)
     await axis.home(soon)
     await axis.move_to(700.0, soon)
     assert drive.position == 700 * 1638.4
@@ -190,15 +203,15 @@ async def test_lost_replies_do_not_double_a_move(make_line, open_bus, soon) -> N
 
 
 @pytest.mark.parametrize("target", [-0.1, 30000.1])
-async def test_a_target_outside_is_refused_before_anything_moves(homed, soon, target) -> None:
+async def test_a_target_outside_is_refused_before_anything_moves(homed: Homed, soon: Deadline, target: float) -> None:
     """It should name the range."""
     axis, drive = homed
-    with pytest.raises(EnvelopeViolation, match="0.000..30000.000"):
+    with pytest.raises(EnvelopeViolation, match=r"0\.000\.\.30000\.000"):
         await axis.move_to(target, soon)
     assert drive.log == []
 
 
-async def test_a_cancelled_move_stops_the_motor_before_it_is_cancelled(homed, soon) -> None:
+async def test_a_cancelled_move_stops_the_motor_before_it_is_cancelled(homed: Homed, soon: Deadline) -> None:
     """It should halt and switch off, so that the old target is not taken up again."""
     axis, drive = homed
     drive.step = 10
@@ -211,27 +224,27 @@ async def test_a_cancelled_move_stops_the_motor_before_it_is_cancelled(homed, so
         await task
     assert drive.state == 0x21
     stands = drive.position
-    drive.step = 50_000
+    drive.step = 2_000_000
     axis.release()
     await axis.move_to(100.0, soon)
     assert 0 < stands < 20000 * 1638.4
     assert drive.position == 100 * 1638.4
 
 
-async def test_a_deadline_ends_a_move_with_a_halt(homed) -> None:
+async def test_a_deadline_ends_a_move_with_a_halt(homed: Homed) -> None:
     """It should raise MotionTimeout with the motor standing."""
     axis, drive = homed
-    drive.step = 1
-    with pytest.raises((MotionTimeout, LinkTimeout)):
-        await axis.move_to(20000.0, Deadline.after(0.3))
+    drive.step = 10_000
+    with pytest.raises(MotionTimeout, match="deadline"):
+        await axis.move_to(30000.0, Deadline.after(0.3))
     assert drive.state == 0x21
 
 
-async def test_a_blocked_axis_is_a_stall(homed, soon) -> None:
+async def test_a_blocked_axis_is_a_stall(homed: Homed, soon: Deadline) -> None:
     """It should notice that the position stands still."""
     axis, drive = homed
     drive.stuck = True
-    with pytest.raises(Stalled, match="stands at 0.000, 500.000 short"):
+    with pytest.raises(Stalled, match=r"stands at 0\.000, 500\.000 short"):
         await axis.move_to(500.0, soon)
     assert drive.state == 0x21
 
@@ -239,7 +252,9 @@ async def test_a_blocked_axis_is_a_stall(homed, soon) -> None:
 @pytest.mark.parametrize(
     ("inputs", "start", "target", "text"), [(1, 500.0, 100.0, "negative"), (2, 500.0, 900.0, "positive")]
 )
-async def test_a_limit_switch_on_the_way_is_a_limit_hit(homed, soon, inputs, start, target, text) -> None:
+async def test_a_limit_switch_on_the_way_is_a_limit_hit(
+    homed: Homed, soon: Deadline, inputs: int, start: float, target: float, text: str
+) -> None:
     """It should stop on the switch ahead, and may leave the one behind."""
     axis, drive = homed
     await axis.move_to(start, soon)
@@ -247,6 +262,7 @@ async def test_a_limit_switch_on_the_way_is_a_limit_hit(homed, soon, inputs, sta
     with pytest.raises(LimitHit, match=text):
         await axis.move_to(target, soon)
     axis.release()
+    drive.step = 2_000_000
     await axis.move_to(start + (start - target), soon)
 
 
@@ -260,7 +276,9 @@ async def test_a_limit_switch_on_the_way_is_a_limit_hit(homed, soon, inputs, sta
         (0x1234, 0x63001234, DriveFault, "error number 99"),
     ],
 )
-async def test_a_fault_in_a_move_is_named(homed, soon, code, entry, error, text) -> None:
+async def test_a_fault_in_a_move_is_named(
+    homed: Homed, soon: Deadline, code: int, entry: int, error: type[DeviceError], text: str
+) -> None:
     """It should read code and meaning, keep refusing, and work again after a reset."""
     axis, drive = homed
     drive.step = 10
@@ -272,17 +290,17 @@ async def test_a_fault_in_a_move_is_named(homed, soon, code, entry, error, text)
         await task
     health = await axis.health(soon)
     assert (health.state, health.error_code) == ("fault", code)
-    assert text.split()[0] in health.error_meaning
+    assert text.split(maxsplit=1)[0] in health.error_meaning
     axis.release()
     with pytest.raises(error):
         await axis.move_to(100.0, soon)
     await axis.reset_fault(soon)
     axis.release()
-    drive.step = 50_000
+    drive.step = 2_000_000
     await axis.move_to(100.0, soon)
 
 
-async def test_a_fault_whose_cause_remains_cannot_be_reset(homed, soon) -> None:
+async def test_a_fault_whose_cause_remains_cannot_be_reset(homed: Homed, soon: Deadline) -> None:
     """It should say so after the edge; and a sound drive needs no reset."""
     axis, drive = homed
     await axis.reset_fault(soon)
@@ -294,7 +312,7 @@ async def test_a_fault_whose_cause_remains_cannot_be_reset(homed, soon) -> None:
     assert caught.value.code == 0x3210
 
 
-async def test_an_empty_error_stack_is_no_error(homed, soon) -> None:
+async def test_an_empty_error_stack_is_no_error(homed: Homed, soon: Deadline) -> None:
     """It should take abort 08000024h for an empty stack, and a missing 60F4h for no following error."""
     axis, drive = homed
     del drive.od[0x60F4, 0]
@@ -304,7 +322,7 @@ async def test_an_empty_error_stack_is_no_error(homed, soon) -> None:
 
 
 # ---------------------------------------------------------------- power and stops
-async def test_a_drive_that_lost_power_is_not_homed_any_more(homed, soon) -> None:
+async def test_a_drive_that_lost_power_is_not_homed_any_more(homed: Homed, soon: Deadline) -> None:
     """It should ask the drive, not its own memory; homing makes it whole again."""
     axis, drive = homed
     drive.power_cycle()
@@ -317,7 +335,7 @@ async def test_a_drive_that_lost_power_is_not_homed_any_more(homed, soon) -> Non
     assert drive.position == 100 * 1638.4
 
 
-async def test_power_lost_in_a_move_is_told_from_an_emergency_stop(homed, soon) -> None:
+async def test_power_lost_in_a_move_is_told_from_an_emergency_stop(homed: Homed, soon: Deadline) -> None:
     """It should raise NotHomed, for the position is gone."""
     axis, drive = homed
     drive.step = 10
@@ -329,7 +347,7 @@ async def test_power_lost_in_a_move_is_told_from_an_emergency_stop(homed, soon) 
         await task
 
 
-async def test_a_power_stage_switched_off_is_an_emergency_stop(homed, soon) -> None:
+async def test_a_power_stage_switched_off_is_an_emergency_stop(homed: Homed, soon: Deadline) -> None:
     """It should raise EmergencyStop in the move, and again while there is no motor voltage."""
     axis, drive = homed
     drive.step = 10
@@ -344,7 +362,7 @@ async def test_a_power_stage_switched_off_is_an_emergency_stop(homed, soon) -> N
         await axis.move_to(100.0, soon)
 
 
-async def test_a_quick_stop_wins_over_the_move_it_stops(homed, soon) -> None:
+async def test_a_quick_stop_wins_over_the_move_it_stops(homed: Homed, soon: Deadline) -> None:
     """It should end the move with EmergencyStop and not let its next command start the drive again."""
     axis, drive = homed
     drive.step = 10
@@ -358,12 +376,12 @@ async def test_a_quick_stop_wins_over_the_move_it_stops(homed, soon) -> None:
     with pytest.raises(EmergencyStop, match="stopped"):
         await axis.move_to(100.0, soon)
     axis.release()
-    drive.step = 50_000
+    drive.step = 2_000_000
     await axis.move_to(100.0, soon)
     assert drive.position == 100 * 1638.4
 
 
-async def test_a_quick_stop_after_a_power_cut_writes_no_foreign_object(homed) -> None:
+async def test_a_quick_stop_after_a_power_cut_writes_no_foreign_object(homed: Homed) -> None:
     """It should not carry a target into the drive's own mapping, where other objects lie."""
     axis, drive = homed
     drive.power_cycle()
@@ -374,7 +392,7 @@ async def test_a_quick_stop_after_a_power_cut_writes_no_foreign_object(homed) ->
 
 
 # ---------------------------------------------------------------- homing
-async def test_homing_sets_its_place_and_marker(make_axis, soon) -> None:
+async def test_homing_sets_its_place_and_marker(make_axis: MakeAxis, soon: Deadline) -> None:
     """It should put the configured coordinate to the home place, with 607Ch zero."""
     drive = DriveModel(3)
     config = dataclasses.replace(CONFIG, homing=HomingConfig(method=18, home_position_units=30000.0))
@@ -388,7 +406,7 @@ async def test_homing_sets_its_place_and_marker(make_axis, soon) -> None:
     assert drive.position == -20000 * 1638.4
 
 
-async def test_homing_under_other_settings_does_not_count(make_axis, homed, soon) -> None:
+async def test_homing_under_other_settings_does_not_count(make_axis: MakeAxis, homed: Homed, soon: Deadline) -> None:
     """It should want a new homing when the home place was configured anew."""
     _, drive = homed
     other = dataclasses.replace(CONFIG, homing=HomingConfig(home_position_units=5.0))
@@ -396,7 +414,7 @@ async def test_homing_under_other_settings_does_not_count(make_axis, homed, soon
     assert await (await make_axis(drive)).homed(soon)
 
 
-async def test_a_second_homing_is_not_taken_for_the_first(homed, soon) -> None:
+async def test_a_second_homing_is_not_taken_for_the_first(homed: Homed, soon: Deadline) -> None:
     """It should wait until the old homing-attained bit is gone."""
     axis, drive = homed
     await axis.move_to(500.0, soon)
@@ -408,7 +426,7 @@ async def test_a_second_homing_is_not_taken_for_the_first(homed, soon) -> None:
     assert drive.position == 0
 
 
-async def test_a_failed_homing_leaves_the_axis_unhomed(homed, soon) -> None:
+async def test_a_failed_homing_leaves_the_axis_unhomed(homed: Homed, soon: Deadline) -> None:
     """It should raise on bit 13 and take the marker away."""
     axis, drive = homed
     drive.homing_fails = True
@@ -418,30 +436,30 @@ async def test_a_failed_homing_leaves_the_axis_unhomed(homed, soon) -> None:
     assert drive.state == 0x21
 
 
-async def test_homing_has_its_own_deadline(make_axis, soon) -> None:
+async def test_homing_has_its_own_deadline(make_axis: MakeAxis, soon: Deadline) -> None:
     """It should give up and halt when no switch comes."""
     drive = DriveModel(3, homing_looks=10**9)
     config = dataclasses.replace(CONFIG, homing=HomingConfig(timeout_s=0.5))
     axis = await make_axis(drive, config)
-    with pytest.raises((MotionTimeout, LinkTimeout)):
+    with pytest.raises(MotionTimeout, match="deadline"):
         await axis.home(soon)
     assert drive.state == 0x21
     assert not await axis.homed(soon)
 
 
-async def test_a_changed_unit_takes_the_reference_away(homed, soon) -> None:
+async def test_a_changed_unit_takes_the_reference_away(homed: Homed, soon: Deadline) -> None:
     """It should not trust a position counted in another unit."""
     axis, drive = homed
     drive.od[0x60A8, 0][1] = 0xFF410000
     assert not (await axis.start(soon)).homed
 
 
-async def test_nothing_moves_before_start(make_axis, soon) -> None:
+async def test_nothing_moves_before_start(make_axis: MakeAxis, soon: Deadline) -> None:
     """It should say that start has not run."""
     axis = await make_axis(DriveModel(3))
     with pytest.raises(MotionError, match="start"):
         await axis.begin_move(10.0, soon)
-    with pytest.raises(MotionError, match="no move was begun"):
+    with pytest.raises(MotionError, match="no move"):
         await axis.arrived(soon)
 
 
@@ -449,7 +467,7 @@ async def test_nothing_moves_before_start(make_axis, soon) -> None:
     "change",
     [{"min_units": 30000.0}, {"increments_per_unit": 0.0}, {"window_units": 0.0}, {"speed_units_s": -1.0}],
 )
-def test_impossible_settings_are_refused(change) -> None:
+def test_impossible_settings_are_refused(change: dict[str, Any]) -> None:
     """It should name the axis."""
     with pytest.raises(ValueError, match="Z: "):
         dataclasses.replace(CONFIG, **change)

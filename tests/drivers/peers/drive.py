@@ -35,7 +35,7 @@ class DriveModel:
 
     address: int
     variant: Variant = field(default_factory=Variant)
-    step: int = 50_000
+    step: int = 2_000_000
     homing_looks: int = 3
 
     def __post_init__(self) -> None:
@@ -202,7 +202,7 @@ class DriveModel:
                 self.mode = value
 
     def _mapping(self, array: int) -> list[tuple[int, int, int]]:
-        entries = [self.od[array, number + 1][1] for number in range(self.od[array, 0][1])]
+        entries = [self.od[array, number + 1][1] for number in range(min(16, self.od[array, 0][1]))]
         return [(entry >> 16, entry >> 8 & 0xFF, (entry & 0xFF) // 8) for entry in entries]
 
     def tx_image(self) -> bytes:
@@ -262,6 +262,8 @@ class DriveModel:
         try:
             if self.variant.node is not None and node != self.variant.node:
                 raise Abort(0x08000000)
+            if index == 0x6041:
+                self.look()
             size, value = self.get(index, sub)
             if size != count:
                 raise Abort(0x06070010)

@@ -1,0 +1,287 @@
+"""Four drives on one line as one machine."""
+
+import asyncio
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from drivers.deadline import Deadline
+from drivers.errors import (
+    DeviceError,
+    DriveFault,
+    EmergencyStop,
+    EnvelopeViolation,
+    LinkError,
+    MotionError,
+    MotionTimeout,
+    NotHomed,
+    Stalled,
+)
+from drivers.gantry import Gantry, GantryConfig, Position
+from drivers.l4118 import Axis, AxisConfig, HomingConfig
+from tests.drivers.conftest import MakeLine, OpenBus
+from tests.drivers.peers.drive import DriveModel, several
+from tests.drivers.peers.line import PtyLine
+
+QUICK = {"poll_s": 0.001, "stall_s": 0.4, "state_timeout_s": 1.0}
+TOP = HomingConfig(method=18, home_position_units=30000.0)
+AXES = {
+    "x": AxisConfig("X", 1, 655.36, 0.0, 200000.0, 50000.0, 2e5, 1.0, **QUICK),
+    "y": AxisConfig("Y", 2, 655.36, 0.0, 150000.0, 50000.0, 2e5, 1.0, **QUICK),
+    "z": AxisConfig("Z", 3, 1638.4, 0.0, 30000.0, 10000.0, 1e5, 1.0, homing=TOP, **QUICK),
+    "theta": AxisConfig("theta", 4, 3276800 / 360, -220.0, 100.0, 60.0, 300.0, 0.01, **QUICK),
+}
+PLACE = Position(60000.0, 40000.0, 5200.0, 350.0)
+
+
+class Machine:
+    def __init__(self, gantry: Gantry, drives: dict[str, DriveModel], line: PtyLine) -> None:
+        self.gantry = gantry
+        self.drives = drives
+        self.line = line
+
+    def at(self, name: str) -> float:
+        return AXES[name].to_units(self.drives[name].position)
+
+    def slow(self, step: int) -> None:
+        for drive in self.drives.values():
+            drive.step = step
+
+    async def under_way(self, task: asyncio.Task) -> None:
+        """Wait until X has begun to move."""
+        began = self.drives["x"].position
+        while self.drives["x"].position == began:
+            assert not task.done(), task
+            await asyncio.sleep(0.001)
+
+
+@pytest.fixture
+async def machine(make_line: MakeLine, open_bus: OpenBus) -> Machine:
+    drives = {name: DriveModel(config.address, step=20_000_000) for name, config in AXES.items()}
+    line = make_line(several(*drives.values()))
+    bus = await open_bus(line, timeout_s=0.4, late_reply_s=0.4, attempts=2)
+    return Machine(Gantry({name: Axis(bus, c) for name, c in AXES.items()}, GantryConfig()), drives, line)
+
+
+@pytest.fixture
+async def homed(machine: Machine, soon: Deadline) -> Machine:
+    await machine.gantry.home(soon)
+    for drive in machine.drives.values():
+        drive.log.clear()
+    return machine
+
+
+async def test_start_moves_nothing_and_homing_is_wanted(machine: Machine, soon: Deadline) -> None:
+    """It should identify all drives, enable none, and refuse a move."""
+    found = await machine.gantry.start(soon)
+    assert list(found) == ["x", "y", "z", "theta"]
+    assert all(drive.log == [] for drive in machine.drives.values())
+    assert not await machine.gantry.homed()
+    with pytest.raises(NotHomed, match="x, y, z, theta"):
+        await machine.gantry.move_to(PLACE, soon)
+    assert all(drive.log == [] for drive in machine.drives.values())
+
+
+async def test_homing_takes_z_first_and_leaves_it_high(machine: Machine, soon: Deadline) -> None:
+    """It should home Z before anything moves sideways."""
+    order: list[str] = []
+    for name, drive in machine.drives.items():
+        drive.log = _Recorder(name, order)
+    await machine.gantry.home(soon)
+    homings = [name for name, entry in order if entry == "homing"]
+    assert homings[:2] == ["z", "theta"]
+    assert sorted(homings[2:]) == ["x", "y"]
+    assert await machine.gantry.homed(soon)
+    assert await machine.gantry.position(soon) == Position(0.0, 0.0, 30000.0, 0.0)
+
+
+class _Recorder(list):
+    def __init__(self, name: str, shared: list) -> None:
+        super().__init__()
+        self.name, self.shared = name, shared
+
+    def append(self, entry: str) -> None:
+        self.shared.append((self.name, entry))
+
+
+async def test_homing_lifts_a_z_that_homes_below(machine: Machine, soon: Deadline) -> None:
+    """It should go up to the safe height before the head turns or goes aside."""
+    low = dataclasses.replace(AXES["z"], homing=HomingConfig(method=17))
+    machine.gantry._axes["z"].config = low
+    machine.gantry._axes["z"]._drive.config = low
+    await machine.gantry.home(soon)
+    assert (await machine.gantry.position(soon)).z_um == 12000.0
+
+
+async def test_a_move_ends_on_its_target_on_a_safe_way(homed: Machine, soon: Deadline) -> None:
+    """It should pass only through safe places and report where it is, theta as axis coordinate."""
+    order: list[str] = []
+    for name, drive in homed.drives.items():
+        drive.log = _Recorder(name, order)
+    reached = await homed.gantry.move_to(PLACE, soon)
+    assert reached.x_um == pytest.approx(60000.0, abs=0.01)
+    assert reached.theta_deg == pytest.approx(-10.0, abs=0.001)
+    assert homed.at("z") == pytest.approx(5200.0, abs=0.001)
+    order.clear()
+    await homed.gantry.move_to(dataclasses.replace(PLACE, x_um=60010.0), soon)
+    moves = [name for name, entry in order if entry.startswith("move")]
+    assert moves[0] == "z"
+    assert moves[-1] == "z"
+    assert moves.count("x") == 2
+
+
+async def test_a_pure_z_move_leaves_the_others_alone(homed: Machine, soon: Deadline) -> None:
+    """It should not touch X, Y and theta, nor retract."""
+    await homed.gantry.move_to(PLACE, soon)
+    for drive in homed.drives.values():
+        drive.log.clear()
+    await homed.gantry.move_to(dataclasses.replace(PLACE, z_um=5000.0), soon)
+    assert [name for name, drive in homed.drives.items() if drive.log] == ["z"]
+    assert len(homed.drives["z"].log) == 1
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"x_um": -1.0}, {"x_um": 200001.0}, {"y_um": 150001.0}, {"z_um": 30001.0}, {"theta_deg": 120.0}],
+)
+async def test_targets_outside_are_refused_before_anything_moves(
+    homed: Machine, soon: Deadline, change: dict[str, Any]
+) -> None:
+    """It should check all axes first."""
+    with pytest.raises(EnvelopeViolation):
+        await homed.gantry.move_to(dataclasses.replace(PLACE, **change), soon)
+    assert all(drive.log == [] for drive in homed.drives.values())
+
+
+async def test_a_cancelled_move_stops_every_axis(homed: Machine, soon: Deadline) -> None:
+    """It should stop all before the cancellation goes on, even if cancelled twice."""
+    homed.slow(100_000)
+    task = asyncio.create_task(homed.gantry.move_to(PLACE, soon))
+    await homed.under_way(task)
+    task.cancel()
+    await asyncio.sleep(0)
+    task.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await task
+    assert all(drive.state != 0x27 for drive in homed.drives.values())
+    assert not homed.gantry.moving
+    homed.slow(20_000_000)
+    await homed.gantry.move_to(PLACE, soon)
+    assert homed.at("x") == pytest.approx(60000.0, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "error"),
+    [
+        (lambda m: m.drives["y"].fail(0x3210, 0x01003210), DriveFault),
+        (lambda m: setattr(m.drives["y"], "stuck", True), Stalled),
+        (lambda m: m.drives["y"].power_cycle(), NotHomed),
+        (lambda m: setattr(m.drives["y"], "silent", True), LinkError),
+        (lambda m: m.line.unplug(), LinkError),
+    ],
+    ids=["fault", "stuck", "power cut", "silent", "cable out"],
+)
+async def test_one_failing_axis_stops_the_others(
+    homed: Machine, soon: Deadline, spoil: Callable[[Any], object], error: type[DeviceError]
+) -> None:
+    """It should raise what happened and leave no reachable axis running."""
+    homed.slow(100_000)
+    task = asyncio.create_task(homed.gantry.move_to(PLACE, soon))
+    await homed.under_way(task)
+    spoil(homed)
+    with pytest.raises(error):
+        await task
+    if homed.line._master >= 0:
+        assert all(drive.state != 0x27 for name, drive in homed.drives.items() if name != "y")
+
+
+async def test_a_deadline_stops_every_axis(homed: Machine) -> None:
+    """It should raise MotionTimeout with all axes off."""
+    homed.slow(10_000)
+    with pytest.raises(MotionTimeout, match="deadline"):
+        await homed.gantry.move_to(PLACE, Deadline.after(0.5))
+    assert all(drive.state != 0x27 for drive in homed.drives.values())
+
+
+async def test_a_quick_stop_ends_the_move(homed: Machine, soon: Deadline) -> None:
+    """It should get through to all axes while a move polls them, and the move raises EmergencyStop."""
+    homed.slow(100_000)
+    task = asyncio.create_task(homed.gantry.move_to(PLACE, soon))
+    await homed.under_way(task)
+    await homed.gantry.quick_stop()
+    assert all(drive.control == 0x02 for drive in homed.drives.values())
+    with pytest.raises(EmergencyStop):
+        await task
+    assert await homed.gantry.homed(soon)
+
+
+async def test_a_quick_stop_reaches_the_axes_that_answer(homed: Machine, soon: Deadline) -> None:
+    """It should stop the others although one drive is silent, and then say so."""
+    homed.drives["x"].silent = True
+    with pytest.raises(DeviceError, match="no answer"):
+        await homed.gantry.quick_stop()
+    assert all(homed.drives[name].control == 0x02 for name in ("y", "z", "theta"))
+
+
+async def test_a_second_move_is_refused_and_the_first_goes_on(homed: Machine, soon: Deadline) -> None:
+    """It should not mix two moves."""
+    homed.slow(1_000_000)
+    task = asyncio.create_task(homed.gantry.move_to(PLACE, soon))
+    await homed.under_way(task)
+    with pytest.raises(MotionError, match="under way"):
+        await homed.gantry.move_to(dataclasses.replace(PLACE, x_um=1.0), soon)
+    await task
+    assert homed.at("x") == pytest.approx(60000.0, abs=0.01)
+
+
+async def test_an_axis_that_slipped_is_found_at_the_end(homed: Machine, soon: Deadline) -> None:
+    """It should compare all four axes with the target, not only the one that moved last."""
+
+    class SlipsWhenZComesDown(list):
+        def append(self, entry: str) -> None:
+            if entry == f"move {(5200 - 30000) * 1638.4:.0f}":
+                homed.drives["y"].position += 10_000
+                homed.drives["y"].goal += 10_000
+
+    homed.drives["z"].log = SlipsWhenZComesDown()
+    with pytest.raises(Stalled, match=r"Y: y is at 40015.2588, \+15.2588 off its target"):
+        await homed.gantry.move_to(PLACE, soon)
+
+
+async def test_health_and_reset_go_over_all_axes(homed: Machine, soon: Deadline) -> None:
+    """It should tell the faulty one, and clear it."""
+    homed.drives["theta"].fail(0x3210, 0x01003210)
+    health = await homed.gantry.health(soon)
+    assert [entry.name for entry in health] == ["X", "Y", "Z", "theta"]
+    assert "over-voltage" in health[3].error_meaning
+    await homed.gantry.reset(soon)
+    assert (await homed.gantry.health(soon))[3].error_code == 0
+
+
+@pytest.mark.parametrize(
+    ("axes", "config", "text"),
+    [
+        ({"x": AXES["x"]}, GantryConfig(), "needs the axes"),
+        (AXES, GantryConfig(safe_z_um=40000.0), "safe_z_um"),
+        ({**AXES, "theta": dataclasses.replace(AXES["theta"], max_units=110.0)}, GantryConfig(), "theta range"),
+    ],
+)
+async def test_an_impossible_machine_is_refused(
+    make_line: MakeLine, open_bus: OpenBus, axes: dict[str, AxisConfig], config: GantryConfig, text: str
+) -> None:
+    """It should not be built: the head's range above all must not reach the band."""
+    bus = await open_bus(make_line(lambda _: []))
+    with pytest.raises(ValueError, match=text):
+        Gantry({name: Axis(bus, c) for name, c in axes.items()}, config)
+
+
+async def test_a_failed_homing_of_one_axis_stops_the_other(machine: Machine, soon: Deadline) -> None:
+    """It should raise the axis' own error, not a group of them, and leave the machine unhomed."""
+    machine.drives["x"].homing_fails = True
+    machine.drives["y"].homing_looks = 10**9
+    with pytest.raises(MotionError, match="method 17 failed"):
+        await machine.gantry.home(soon)
+    assert all(drive.state != 0x27 for drive in machine.drives.values())
+    assert not await machine.gantry.homed(soon)

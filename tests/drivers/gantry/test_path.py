@@ -1,0 +1,96 @@
+"""The legs of a move, and the coordinate of the head."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.errors import EnvelopeViolation
+from drivers.gantry import GantryConfig, Position, axis_theta_deg
+from drivers.gantry.path import Ends, plan
+
+ENDS = Ends((0.0, 200000.0), (0.0, 150000.0), (0.0, 30000.0), (-220.0, 100.0))
+CONFIG = GantryConfig()
+
+
+def places() -> st.SearchStrategy[Position]:
+    return st.builds(
+        Position,
+        st.floats(*ENDS.x_um),
+        st.floats(*ENDS.y_um),
+        st.floats(*ENDS.z_um),
+        st.floats(*ENDS.theta_deg),
+    )
+
+
+@given(places(), places(), st.sampled_from([0.0, 30.0]))
+def test_every_path_is_safe(now: Position, target: Position, backlash_z_um: float) -> None:
+    """It should move sideways only at the safe height, end on the target, and come to it from below."""
+    config = GantryConfig(backlash_z_um=backlash_z_um)
+    at = {"x": now.x_um, "y": now.y_um, "z": now.z_um, "theta": now.theta_deg}
+    ranges = {"x": ENDS.x_um, "y": ENDS.y_um, "z": ENDS.z_um, "theta": ENDS.theta_deg}
+    backlash = {"x": config.backlash_um, "y": config.backlash_um, "theta": config.backlash_theta_deg}
+    for leg in plan(now, target, config, ENDS):
+        for name, to in leg.items():
+            low, high = ranges[name]
+            assert low <= to <= high
+            if name != "z":
+                assert at["z"] >= config.safe_z_um
+            if name != "z" and to == getattr(target, f"{name}_{'deg' if name == 'theta' else 'um'}"):
+                # final approach: from below, or from the very end of the range
+                assert at[name] <= to - backlash[name] or to - backlash[name] < low or at[name] == to
+            at[name] = to
+    assert at["z"] == target.z_um
+    assert abs(at["x"] - target.x_um) <= config.same_place_um
+    assert abs(at["y"] - target.y_um) <= config.same_place_um
+    assert abs(at["theta"] - target.theta_deg) <= config.same_place_deg
+
+
+def test_a_pure_z_move_needs_no_retract() -> None:
+    """It should go straight."""
+    now, target = Position(5000.0, 5000.0, 5200.0, 0.0), Position(5000.2, 5000.0, 5300.0, 0.0)
+    assert plan(now, target, CONFIG, ENDS) == [{"z": 5300.0}]
+    slow = GantryConfig(backlash_z_um=20.0)
+    assert plan(now, target, slow, ENDS) == [{"z": 5320.0}, {"z": 5300.0}]
+    assert plan(now, Position(5000.0, 5000.0, 5000.0, 0.0), slow, ENDS) == [{"z": 5000.0}]
+
+
+def test_a_small_correction_retracts_and_comes_from_below() -> None:
+    """It should take the whole way for the smallest lateral correction."""
+    now, target = Position(5000.0, 5000.0, 5200.0, 10.0), Position(4990.0, 5008.0, 5200.0, 10.0)
+    assert plan(now, target, CONFIG, ENDS) == [
+        {"z": 12000.0},
+        {"x": 4940.0, "y": 4958.0},
+        {"x": 4990.0, "y": 5008.0},
+        {"z": 5200.0},
+    ]
+
+
+def test_an_axis_already_below_goes_straight() -> None:
+    """It should not back off where the way comes from the right side anyway."""
+    now, target = Position(1000.0, 2000.0, 20000.0, 0.0), Position(9000.0, 9000.0, 12000.0, 90.0)
+    assert plan(now, target, CONFIG, ENDS) == [
+        {"x": 9000.0, "y": 9000.0, "theta": 90.0},
+        {"z": 12000.0},
+    ]
+
+
+@pytest.mark.parametrize(
+    ("head", "axis"),
+    [(0, 0), (100, 100), (140, -220), (180, -180), (359.5, -0.5), (360, 0), (-220, -220), (-90, -90), (460, 100)],
+)
+def test_head_angles_become_axis_coordinates(head: float, axis: float) -> None:
+    """It should leave the forbidden band out of the coordinate."""
+    assert axis_theta_deg(head) == pytest.approx(axis)
+
+
+@pytest.mark.parametrize("head", [100.1, 101.0, 120.0, 139.0, 139.9, -240.0, 480.0])
+def test_the_forbidden_band_is_refused(head: float) -> None:
+    """It should not turn the head into it, whatever the turn it is written in."""
+    with pytest.raises(EnvelopeViolation, match="forbidden band"):
+        axis_theta_deg(head)
+
+
+@given(st.floats(-220.0, 100.0))
+def test_an_answer_is_a_target(axis_deg: float) -> None:
+    """It should take the coordinate it gives as a target for the same place."""
+    assert axis_theta_deg(axis_deg) == pytest.approx(axis_deg, abs=1e-6)

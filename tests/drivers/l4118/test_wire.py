@@ -1,0 +1,127 @@
+"""The drive's numbers without a wire: status, image, units, arrival."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.errors import LimitHit, Stalled
+from drivers.l4118 import AxisConfig, AxisStatus, State
+from drivers.l4118.arrival import ArrivalWatch
+from drivers.l4118.image import RX_WANTED, TX_WANTED, WordOrder, parse, rx_serves, tx_serves
+from drivers.l4118.objects import decode_state, error_meaning
+from drivers.l4118.units import decode_speed_unit
+from tests.drivers.peers.drive import DEFAULT_RX, DEFAULT_TX
+
+
+@pytest.mark.parametrize(
+    ("word", "state"),
+    [
+        (0x0200, State.NOT_READY),
+        (0x0250, State.SWITCH_ON_DISABLED),
+        (0x0231, State.READY),
+        (0x0233, State.SWITCHED_ON),
+        (0x1637, State.OPERATION_ENABLED),
+        (0x0217, State.QUICK_STOP_ACTIVE),
+        (0x021F, State.FAULT_REACTION),
+        (0x0238, State.FAULT),
+        (0x0201, None),
+    ],
+)
+def test_status_words_show_their_state(word: int, state: State | None) -> None:
+    """It should decode by the masks of CiA 402, and say when a pattern is none."""
+    assert decode_state(word) is state
+
+
+@given(st.integers(-(2**31), 2**31 - 1), st.integers(0, 0xFFFF), st.sampled_from(["big", "little"]))
+def test_an_image_gives_back_what_was_put_in(value: int, control: int, order: WordOrder) -> None:
+    """It should carry every value in both word orders."""
+    layout = parse(RX_WANTED)
+    registers = layout.registers({0x604000: control, 0x607A00: value}, order)
+    assert len(registers) == 6
+    assert layout.value(registers, 0x607A00, order, signed=True) == value
+    assert layout.value(registers, 0x604000, order) == control
+
+
+def test_the_mode_lies_in_the_low_byte_behind_its_dummy() -> None:
+    """It should follow the packing of the manual's default mapping."""
+    layout = parse(DEFAULT_TX)
+    assert layout.value([0x1234, 0x00FA, 0, 0, 0, 0, 0], 0x606100, "big", signed=True) == -6
+    first = parse((0x60610008, 0x00050008))
+    assert first.value([0x0600], 0x606100, "big") == 6
+
+
+def test_which_mappings_serve() -> None:
+    """It should take whole images only: even, aligned, and nothing foreign where it writes."""
+    assert tx_serves(parse(TX_WANTED))
+    assert rx_serves(parse(RX_WANTED))
+    assert not tx_serves(parse(DEFAULT_TX))
+    assert not rx_serves(parse(DEFAULT_RX))
+    assert not tx_serves(parse(()))
+    assert not tx_serves(parse((0x00050008, *TX_WANTED[:1], *TX_WANTED[2:], 0x00050008)))
+
+
+@pytest.mark.parametrize(
+    ("raw", "increments_s"),
+    [
+        (0x00B44700, 3_276_800 / 60),
+        (0xFDB44700, 3_276_800 / 60_000),
+        (0x00B50300, 1.0),
+        (0x00410300, 3_276_800 / 360),
+        (0xFF410300, 3_276_800 / 3600),
+    ],
+)
+def test_speed_units_are_read(raw: int, increments_s: float) -> None:
+    """It should know revolutions, increments and angles, per second and minute, with exponent."""
+    unit = decode_speed_unit(raw, 3_276_800)
+    assert unit is not None
+    assert unit.increments_s == pytest.approx(increments_s)
+    assert unit.counts(0.0) == 1
+
+
+@pytest.mark.parametrize("raw", [0x00010300, 0x00B40000])
+def test_other_speed_units_are_not_guessed(raw: int) -> None:
+    """It should give None for metres, and for a time it does not know."""
+    assert decode_speed_unit(raw, 3_276_800) is None
+
+
+def test_error_entries_read_as_words() -> None:
+    """It should split number, class and code."""
+    assert error_meaning(0) == ""
+    assert error_meaning(0x0A04FF01) == "negative limit switch and tolerance zone exceeded (class 04h, code FF01h)"
+    assert "99" in error_meaning(0x63000000)
+
+
+CONFIG = AxisConfig("X", 1, 655.36, 0.0, 1000.0, 100.0, 100.0, 1.0, stall_s=1.0)
+
+
+def look(position: float, word: int = 0x0237, inputs: int = 0) -> AxisStatus:
+    return AxisStatus(word, 1, position, inputs)
+
+
+def test_arrival_needs_the_bit_and_the_place() -> None:
+    """It should believe neither alone."""
+    watch = ArrivalWatch(CONFIG, 0.0, 100.0, 0.0)
+    assert not watch.arrived(look(99.5), 0.1)
+    assert not watch.arrived(look(50.0, 0x0637), 0.2)
+    assert watch.arrived(look(100.0, 0x0637), 0.3)
+
+
+def test_a_move_that_will_never_arrive_is_told() -> None:
+    """It should tell following error, standstill and internal limit apart."""
+    with pytest.raises(Stalled, match="following error"):
+        ArrivalWatch(CONFIG, 0.0, 100.0, 0.0).arrived(look(5.0, 0x2237), 0.1)
+    with pytest.raises(Stalled, match="short of"):
+        ArrivalWatch(CONFIG, 0.0, 100.0, 0.0).arrived(look(0.1), 1.1)
+    with pytest.raises(LimitHit, match="internal limit"):
+        ArrivalWatch(CONFIG, 0.0, 100.0, 0.0).arrived(look(0.1, 0x0A37), 1.1)
+    watch = ArrivalWatch(CONFIG, 0.0, 100.0, 0.0)
+    assert not watch.arrived(look(10.0), 0.9)
+    assert not watch.arrived(look(10.2), 1.8)
+
+
+def test_the_status_names_its_bits() -> None:
+    """It should show interlock and voltage."""
+    status = look(0.0, 0x0010, 0x8)
+    assert status.interlock
+    assert status.voltage
+    assert not status.negative_limit

@@ -1,0 +1,186 @@
+"""Both relays: never two rings, dark at both ends, and what the hardware may do to it."""
+
+import asyncio
+import os
+import threading
+import tty
+from pathlib import Path
+
+import pytest
+
+from drivers.bus import ModbusBus
+from drivers.deadline import Deadline
+from drivers.errors import LightError
+from drivers.lights import Light, ModbusRelayLights, SerialRelayLights
+from drivers.lights.serial_relay import command
+from tests.drivers.conftest import MakeLine, OpenBus
+from tests.drivers.peers.line import framed
+
+
+class Relay:
+    """An eight channel board at slave 5 that remembers every state it ever showed."""
+
+    def __init__(self) -> None:
+        self.coils = 0b11
+        self.history: list[int] = []
+        self.silent = False
+        self.dead_coils = 0
+
+    def answer(self, request: bytes) -> list:
+        if self.silent or request[0] != 5:
+            return []
+        first, count = int.from_bytes(request[2:4], "big"), int.from_bytes(request[4:6], "big")
+        mask = (1 << count) - 1 << first
+        if request[1] == 15:
+            self.coils = (self.coils & ~mask | (request[7] << first) & mask) & ~self.dead_coils
+            self.history.append(self.coils)
+            return [framed(request[:6])]
+        assert request[1] == 1
+        return [framed(request[:2] + bytes([1, self.coils >> first & (1 << count) - 1]))]
+
+
+@pytest.fixture
+async def board(make_line: MakeLine, open_bus: OpenBus) -> tuple[Relay, ModbusBus]:
+    relay = Relay()
+    return relay, await open_bus(make_line(relay.answer), timeout_s=0.2, late_reply_s=0.2)
+
+
+async def test_opening_and_closing_leave_it_dark(board: tuple[Relay, ModbusBus], soon: Deadline) -> None:
+    """It should not trust the state it finds."""
+    relay, bus = board
+    lights = await ModbusRelayLights.open(bus, 5, deadline=soon)
+    assert relay.coils == 0
+    await lights.set(Light.RED, soon)
+    assert relay.coils == 0b10
+    await lights.close()
+    assert relay.coils == 0
+    assert lights.settle_s == 0.05
+
+
+@pytest.mark.parametrize(("white", "red", "bits"), [(0, 1, (1, 2)), (4, 3, (16, 8))])
+async def test_the_rings_never_overlap(
+    board: tuple[Relay, ModbusBus], soon: Deadline, white: int, red: int, bits: tuple[int, int]
+) -> None:
+    """It should go from white to red in one write, on whichever coils they are."""
+    relay, bus = board
+    relay.coils = 0
+    lights = await ModbusRelayLights.open(bus, 5, white, red, deadline=soon)
+    for light in (Light.WHITE, Light.RED, Light.WHITE, Light.OFF):
+        await lights.set(light, soon)
+    assert relay.history == [0, bits[0], bits[1], bits[0], 0]
+
+
+async def test_a_coil_that_does_not_follow_is_a_light_error(board: tuple[Relay, ModbusBus], soon: Deadline) -> None:
+    """It should believe the read-back, not the echo."""
+    relay, bus = board
+    relay.dead_coils = 0b01
+    lights = await ModbusRelayLights.open(bus, 5, deadline=soon)
+    with pytest.raises(LightError, match="read"):
+        await lights.set(Light.WHITE, soon)
+
+
+async def test_a_silent_board_is_a_light_error(board: tuple[Relay, ModbusBus], soon: Deadline) -> None:
+    """It should say what to check, with the link's own words."""
+    relay, bus = board
+    relay.silent = True
+    with pytest.raises(LightError, match="no answer to FC 15"):
+        await ModbusRelayLights.open(bus, 5, deadline=soon)
+
+
+async def test_a_cancelled_close_is_dark_all_the_same(board: tuple[Relay, ModbusBus], soon: Deadline) -> None:
+    """It should finish going dark."""
+    relay, bus = board
+    lights = await ModbusRelayLights.open(bus, 5, deadline=soon)
+    await lights.set(Light.WHITE, soon)
+    task = asyncio.create_task(lights.close())
+    await asyncio.sleep(0)
+    task.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await task
+    assert relay.coils == 0
+
+
+async def test_rings_far_apart_are_refused(board: tuple[Relay, ModbusBus]) -> None:
+    """It should want neighbouring coils, for one request must switch both."""
+    with pytest.raises(ValueError, match="neighbouring"):
+        ModbusRelayLights(board[1], 5, 0, 2)
+
+
+# ---------------------------------------------------------------- USB relay without replies
+def test_commands_have_the_makers_sum() -> None:
+    """It should give the bytes of the maker's page."""
+    assert command(1, on=True) == bytes.fromhex("a0 01 01 a2")
+    assert command(1, on=False) == bytes.fromhex("a0 01 00 a1")
+    assert command(2, on=True) == bytes.fromhex("a0 02 01 a3")
+
+
+async def test_the_serial_relay_switches_off_before_on(soon: Deadline) -> None:
+    """It should send off for the other ring first, over a real port, and be dark at both ends."""
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    try:
+        lights = await SerialRelayLights.open(os.ttyname(slave), deadline=soon)
+        await lights.set(Light.WHITE, soon)
+        await lights.set(Light.RED, soon)
+        await lights.close()
+        sent = os.read(master, 200)
+    finally:
+        os.close(master)
+        os.close(slave)
+    off1, on1, off2, on2 = (command(c, on=on) for c in (1, 2) for on in (False, True))
+    assert sent == off1 + off2 + off2 + on1 + off1 + on2 + off1 + off2
+
+
+class BrokenPort:
+    def __init__(self) -> None:
+        self.closed = False
+
+    def write(self, _data: bytes, /) -> int:
+        raise OSError("gone")
+
+    def flush(self) -> None:
+        """Nothing to do."""
+
+    def close(self) -> None:
+        self.closed = True
+
+
+async def test_a_lost_serial_relay_is_a_light_error(soon: Deadline) -> None:
+    """It should translate the port's error, and still close the port at the end."""
+    port = BrokenPort()
+    lights = SerialRelayLights(port)
+    with pytest.raises(LightError, match="gone"):
+        await lights.set(Light.WHITE, soon)
+    with pytest.raises(LightError):
+        await lights.close()
+    assert port.closed
+    with pytest.raises(LightError, match="shutdown"):
+        await lights.set(Light.OFF, soon)
+
+
+async def test_a_missing_serial_relay_is_a_light_error(tmp_path: Path, soon: Deadline) -> None:
+    """It should name the port."""
+    with pytest.raises(LightError, match="nowhere"):
+        await SerialRelayLights.open(str(tmp_path / "nowhere"), deadline=soon)
+
+
+async def test_a_serial_relay_out_of_time_says_so() -> None:
+    """It should end at the deadline."""
+    release = threading.Event()
+
+    class SlowPort(BrokenPort):
+        def write(self, data: bytes, /) -> int:
+            release.wait(10)
+            return len(data)
+
+    lights = SerialRelayLights(SlowPort())
+    with pytest.raises(LightError, match="too long"):
+        await lights.set(Light.WHITE, Deadline.after(0.02))
+    release.set()
+    await lights.close()
+
+
+def test_one_channel_for_two_rings_is_refused() -> None:
+    """It should want two."""
+    with pytest.raises(ValueError, match="channel each"):
+        SerialRelayLights(BrokenPort(), 1, 1)

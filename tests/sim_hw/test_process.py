@@ -1,0 +1,224 @@
+"""The simulated station as a process: it starts, serves its wires, and goes when told."""
+
+import json
+import os
+import select
+import signal
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zmq
+
+import sim_hw
+from sim_hw.modbus import crc16, seal
+
+ROOT = Path(sim_hw.__file__).parents[1]
+BOARD = ROOT / "sim_hw" / "demo_board"
+LIMIT_S = 30.0
+
+
+def command(folder: Path, *more: str) -> list[str]:
+    return [
+        *(sys.executable, "-m", "sim_hw", "--board", str(BOARD), "--line", str(folder / "line")),
+        *("--camera", f"ipc://{folder}/camera", "--bench", f"ipc://{folder}/bench"),
+        *("--truth", str(folder / "truth.jsonl"), *more),
+    ]
+
+
+@dataclass
+class Running:
+    process: subprocess.Popen[str]
+    folder: Path
+    ready: dict[str, Any]
+
+    def bench(self, **request: Any) -> dict[str, Any]:
+        with zmq.Context() as context, context.socket(zmq.REQ) as socket:
+            socket.setsockopt(zmq.LINGER, 0)
+            socket.setsockopt(zmq.RCVTIMEO, 10_000)
+            socket.connect(self.ready["bench"])
+            socket.send_json(request)
+            return dict(socket.recv_json())
+
+    def ask(self, body: str) -> bytes:
+        """Exchange one frame over the line; the PDU's hex is without CRC."""
+        line = os.open(self.ready["line"], os.O_RDWR | os.O_NOCTTY)
+        try:
+            os.write(line, seal(bytes.fromhex(body)))
+            reply = b""
+            while len(reply) < 5 or crc16(reply):
+                assert select.select([line], [], [], 5.0)[0], "no reply"
+                reply += os.read(line, 4096)
+        finally:
+            os.close(line)
+        return reply
+
+    def write(self, address: int, index: int, sub: int, data: bytes) -> None:
+        head = struct.pack(">BBBBBBHBHH", address, 0x2B, 0x0D, 1, 0, 1, index, sub, 0, len(data))
+        assert self.ask((head + data).hex())[1] == 0x2B
+
+    def events(self) -> list[dict[str, Any]]:
+        return [json.loads(line) for line in (self.folder / "truth.jsonl").read_text().splitlines()]
+
+    def wait_for(self, event: str, count: int = 1) -> list[dict[str, Any]]:
+        """Wait until the truth log holds so many events of a kind."""
+        end_s = time.monotonic() + LIMIT_S
+        while len(found := [item for item in self.events() if item["event"] == event]) < count:
+            assert time.monotonic() < end_s, f"no {event}"
+            select.select([], [], [], 0.02)
+        return found
+
+
+def start(folder: Path, *more: str) -> Running:
+    process = subprocess.Popen(
+        command(folder, *more), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT
+    )
+    assert process.stdout is not None
+    line = process.stdout.readline()
+    if not line:
+        _, errors = process.communicate(timeout=LIMIT_S)
+        pytest.fail(errors)
+    return Running(process, folder, json.loads(line))
+
+
+def end(running: Running, how: signal.Signals = signal.SIGTERM) -> tuple[int, str]:
+    running.process.send_signal(how)
+    _, errors = running.process.communicate(timeout=LIMIT_S)
+    return running.process.returncode, errors
+
+
+@pytest.fixture(scope="module")
+def station(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
+    running = start(tmp_path_factory.mktemp("sim"), "--seed", "3", "--speed", "20", "--unpaced")
+    yield running
+    if running.process.poll() is None:
+        end(running)
+
+
+def test_ready_names_every_wire(station: Running) -> None:
+    assert station.ready["ready"] is True
+    assert station.ready["pid"] == station.process.pid
+    assert str(Path(station.ready["line"]).readlink()) == station.ready["pty"]
+    assert set(station.ready) == {"ready", "line", "pty", "camera", "bench", "truth", "pid"}
+
+
+def test_a_homing_and_a_move_come_to_rest_in_the_truth_log_unasked(station: Running) -> None:
+    before = len([item for item in station.events() if item["event"] == "settled"])
+    for index, data in ((0x6098, b"\x15"), (0x6060, b"\x06")):
+        station.write(1, index, 0, data)
+    station.write(1, 0x6099, 1, struct.pack("<I", 300))
+    station.write(1, 0x609A, 0, struct.pack("<I", 6000))
+    for word in (0x06, 0x07, 0x0F, 0x1F):
+        station.write(1, 0x6040, 0, struct.pack("<H", word))
+    record = station.wait_for("settled", before + 1)[-1]
+    assert abs(record["axes"]["x_um"]) < 500.0
+    assert record["t_s"] > 0.0
+    station.write(1, 0x6060, 0, b"\x01")
+    station.write(1, 0x607A, 0, struct.pack("<i", round(60_000 * 655.36)))
+    station.write(1, 0x6040, 0, struct.pack("<H", 0x0F))
+    station.write(1, 0x6040, 0, struct.pack("<H", 0x1F))
+    record = station.wait_for("settled", before + 2)[-1]
+    assert record["axes"]["x_um"] == pytest.approx(60_000.0, abs=50.0)
+    truth = station.bench(cmd="truth")
+    assert truth["ok"] is True
+    assert truth["moving"] is False
+    assert truth["axes"]["x_um"] == pytest.approx(record["axes"]["x_um"])
+
+
+def test_lights_and_faults_reach_the_log(station: Running) -> None:
+    station.ask("05050001ff00")
+    assert station.wait_for("light")[-1]["lamp"] == "red"
+    assert station.bench(cmd="fault", name="dead_lamp", on=True, lamp="red") == {"ok": True}
+    assert station.bench(cmd="status")["faults"] == ["dead_lamp"]
+    assert station.bench(cmd="truth")["red"] == 0.0
+    assert station.bench(cmd="fault", name="dead_lamp", on=False) == {"ok": True}
+    fault = station.wait_for("fault", 2)
+    assert [item["on"] for item in fault[-2:]] == [True, False]
+    assert station.bench(cmd="faults")["faults"]["frozen"] == {"on": False}
+
+
+def test_the_bench_turns_knobs_and_power(station: Running) -> None:
+    assert station.bench(cmd="set", name="board_dx_um", value=50.0) == {"ok": True}
+    station.write(4, 0x2400, 0x20, struct.pack("<i", 7))
+    assert station.bench(cmd="power_cycle") == {"ok": True}
+    station.wait_for("power_cycle")
+    # The drives boot for half a simulated second.
+    end_s = time.monotonic() + LIMIT_S
+    while station.bench(cmd="status")["t_s"] < station.wait_for("power_cycle")[-1]["t_s"] + 0.6:
+        assert time.monotonic() < end_s
+    reply = station.ask("042b0d0000012400200000" + "0004")
+    assert reply[13:17] == bytes(4)
+
+
+@pytest.mark.parametrize(
+    ("request_", "says"),
+    [
+        ({"cmd": "dance"}, "unknown command 'dance'"),
+        ({}, "unknown command None"),
+        ({"cmd": "fault", "name": "dance", "on": True}, "unknown fault"),
+        ({"cmd": "fault", "name": "stall", "on": "yes"}, "true or false"),
+        ({"cmd": "set", "name": "board_dx_um"}, 'exactly "name" and "value"'),
+        ({"cmd": "set", "name": "board_dx_um", "value": "left"}, "must be a number"),
+        ({"cmd": "truth", "deep": True}, "takes nothing else"),
+    ],
+)
+def test_the_bench_says_what_is_wrong_and_goes_on(station: Running, request_: dict[str, Any], says: str) -> None:
+    reply = station.bench(**request_)
+    assert reply["ok"] is False
+    assert says in reply["error"]
+    assert station.bench(cmd="status")["ok"] is True
+
+
+def test_left_alone_it_comes_to_idle(station: Running) -> None:
+    """It draws the board ahead for some seconds; after that nothing turns over."""
+
+    def used_s() -> float:
+        fields = Path(f"/proc/{station.process.pid}/stat").read_text().rsplit(")", 1)[1].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+    end_s, spent_s = time.monotonic() + LIMIT_S, 1.0
+    while spent_s > 0.1:
+        assert time.monotonic() < end_s, f"{spent_s} s of processor time in the last second"
+        before_s = used_s()
+        select.select([], [], [], 1.0)
+        spent_s = used_s() - before_s
+
+
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT, None])
+def test_it_ends_cleanly_and_leaves_nothing_behind(tmp_path: Path, how: signal.Signals | None) -> None:
+    running = start(tmp_path)
+    if how is None:
+        assert running.bench(cmd="shutdown") == {"ok": True}
+        assert running.process.wait(LIMIT_S) == 0
+        running.process.communicate()
+    else:
+        assert end(running, how) == (0, "")
+    assert [path.name for path in tmp_path.iterdir()] == ["truth.jsonl"]
+
+
+@pytest.mark.parametrize(
+    ("more", "says"),
+    [
+        (("--set", "backlash=3"), "unknown knob 'backlash'"),
+        (("--set", "board_dx_um"), "needs KNOB=VALUE"),
+        (("--speed", "0"), "--speed must be above 0"),
+        (("--side", "left"), "invalid choice"),
+        (("--board", "/nonexistent"), "is not a folder"),
+        (("--truth", "/nonexistent/truth.jsonl"), "No such file"),
+        (("--bench", "nowhere"), "Invalid argument"),
+    ],
+)
+def test_bad_arguments_are_one_line_and_exit_code_2(tmp_path: Path, more: tuple[str, ...], says: str) -> None:
+    done = subprocess.run(
+        command(tmp_path, *more), capture_output=True, text=True, timeout=LIMIT_S, cwd=ROOT, check=False
+    )
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert len(done.stderr.splitlines()) == 1, done.stderr
+    assert says in done.stderr

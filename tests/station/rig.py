@@ -1,0 +1,90 @@
+"""A running simulated station with its daemon, for tests."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from daemon.board import Board
+from daemon.cad import import_board
+from daemon.client import Client
+from daemon.demo.processes import Bench, Process, wait_for_daemon
+from daemon.demo.session import Session
+from daemon.demo.settings import Places, write_settings
+
+ROOT = Path(__file__).parents[2]
+DEMO_BOARD = ROOT / "sim_hw" / "demo_board"
+
+
+@dataclass
+class Rig:
+    """A running simulated station with its daemon."""
+
+    places: Places
+    board: Board
+    sim: Process
+    bench: Bench
+    daemon: Process
+
+    @property
+    def control(self) -> str:
+        return self.places.socket("control")
+
+    @property
+    def events(self) -> str:
+        return self.places.socket("events")
+
+    def client(self, timeout_s: float = 20.0) -> Client:
+        return Client(self.control, timeout_s=timeout_s)
+
+    def session(self, client: Client, seed: int = 1) -> Session:
+        return Session(client, self.bench, self.board, seed, lambda _text: None)
+
+    def start_daemon(self, wait: Callable[[Process, str], Any] = wait_for_daemon) -> None:
+        arguments = ["daemon.cli", "run", "--config", str(self.places.out / "station.toml"), "--json"]
+        self.daemon = Process("daemon", arguments, self.places.out / "daemon.log", ready_line=False)
+        wait(self.daemon, self.control)
+
+    def truth(self) -> dict[str, Any]:
+        return self.bench.ask("truth")
+
+    @contextmanager
+    def fault(self, name: str, **parameters: Any) -> Iterator[None]:
+        """Hold a fault of the simulated station."""
+        self.bench.ask("fault", name=name, on=True, **parameters)
+        try:
+            yield
+        finally:
+            self.bench.ask("fault", name=name, on=False)
+
+
+@contextmanager
+def running_rig(out: Path, *, seed: int = 1, arguments: tuple[str, ...] = ("--unpaced",)) -> Iterator[Rig]:
+    """Start the simulated station and a daemon on it."""
+    board = import_board(DEMO_BOARD, "top")
+    (out / "board.json").write_text(board.model_dump_json())
+    with tempfile.TemporaryDirectory(prefix="reprobe-") as sockets:
+        places = Places(out, Path(sockets))
+        write_settings(places)
+        sim_arguments = [
+            "sim_hw", "--board", str(DEMO_BOARD), "--side", "top", "--seed", str(seed), "--line", places.line,
+            "--camera", places.socket("camera"), "--bench", places.socket("bench"),
+            "--truth", str(out / "truth.jsonl"), *arguments,
+        ]  # fmt: skip
+        sim = Process("simulated station", sim_arguments, out / "sim.log", ready_line=True)
+        try:
+            bench = Bench(sim.ready()["bench"])
+            rig = Rig(places, board, sim, bench, sim)
+            try:
+                rig.start_daemon()
+                yield rig
+            finally:
+                if rig.daemon is not sim:
+                    rig.daemon.end()
+                bench.close()
+        finally:
+            sim.end()

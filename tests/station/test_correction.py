@@ -1,0 +1,55 @@
+"""The main job on the simulated station, judged by the truth."""
+
+import pytest
+
+from daemon.client import Client, Refused
+from tests.station.rig import Rig
+
+
+@pytest.mark.parametrize("name", ["TP1", "TP3", "TP5", "TP6", "TP12"])
+def test_a_missed_touch_lands(rig: Rig, client: Client, name: str) -> None:
+    """Each kind of target: via with and without a visible hole, site, tangent site, site with a via beside it."""
+    landing = rig.session(client, seed=11).land(rig.board.point(name))
+    assert landing.result.ok, landing.result.error
+    assert landing.after_um <= 50.0
+    assert landing.result.test_point == name
+    assert landing.result.looks >= 1
+
+
+def test_the_same_id_never_moves_twice(rig: Rig, client: Client) -> None:
+    client.job("place", test_point="TP4", theta_deg=20.0)
+    first = client.job("correct", job_id="once", test_point="TP4")
+    assert first.ok, first.error
+    client.job("place", test_point="TP4", theta_deg=30.0)
+    before = rig.truth()["axes"]
+    again = client.job("correct", job_id="once", test_point="TP4")
+    assert again == first
+    assert rig.truth()["axes"] == before
+    with pytest.raises(Refused, match="id_reused"):
+        client.job("correct", job_id="once", test_point="TP5")
+
+
+def test_lights_are_off_when_idle(rig: Rig, client: Client) -> None:
+    client.job("place", test_point="TP8", theta_deg=200.0)
+    assert client.job("correct", test_point="TP8").ok
+    truth = rig.truth()
+    assert (truth["white"] < 0.05, truth["red"] < 0.05) == (True, True)
+
+
+def test_time_is_told_by_state_and_cause(rig: Rig, client: Client) -> None:
+    client.job("place", test_point="TP9", theta_deg=0.0)
+    result = client.job("correct", test_point="TP9")
+    assert {"triggered", "look"} <= set(result.timing_ms)
+    look = result.timing_ms["look"]
+    assert look["total"] == pytest.approx(sum(v for k, v in look.items() if k != "total"), abs=1.0)
+
+
+def test_pictures_and_numbers_are_kept(rig: Rig, client: Client) -> None:
+    client.job("place", test_point="TP10", theta_deg=300.0)
+    result = client.job("correct", test_point="TP10")
+    client.job("look")  # the next job begins only when the pictures are written
+    folder = rig.places.out / "station" / "pictures" / result.id
+    assert str(folder) == result.pictures
+    assert {"before-white.jpg", "before-red.jpg", "before-tip.jpg", "before-pads.jpg", "result.json"} <= {
+        f.name for f in folder.iterdir()
+    }

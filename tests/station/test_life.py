@@ -1,0 +1,97 @@
+"""The daemon's life: it starts in fault, outlives missing devices, stops clean, and tells what a kill interrupted."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from daemon.client import Client
+from daemon.demo.processes import Process
+from tests.station.rig import Rig, running_rig
+
+
+def _until_answering(process: Process, control: str) -> None:
+    with Client(control, timeout_s=1.0) as client:
+        give_up_s = time.monotonic() + 60.0
+        while time.monotonic() < give_up_s:
+            assert process.alive(), process.last_words()
+            try:
+                if client.request("status")["fault"]:
+                    return
+            except TimeoutError:
+                continue
+            time.sleep(0.05)
+    raise AssertionError(process.last_words())
+
+
+@pytest.fixture
+def fresh(tmp_path: Path) -> Iterator[Rig]:
+    with running_rig(tmp_path) as rig:
+        yield rig
+
+
+def test_from_cold_to_kill_and_back(fresh: Rig) -> None:
+    """One long story, for a station takes seconds to start."""
+    with fresh.client() as client:
+        status = client.request("status")
+        assert (status["state"], status["fault"]["name"]) == ("fault", "not_homed")
+        refused = client.raw(b'{"op": "place", "id": "early", "test_point": "TP1"}')
+        assert refused["error"]["name"] == "in_fault"
+        assert client.job("home").ok
+        early = client.raw(b'{"op": "correct", "id": "untaught", "test_point": "TP1", "wait": true}')
+        assert early["result"]["error"]["name"] == "not_calibrated"
+        client.request("place", id="cut", board_um=[39_000.0, 29_000.0], theta_deg=90.0)
+        give_up_s = time.monotonic() + 20.0
+        while not fresh.truth()["moving"]:
+            assert time.monotonic() < give_up_s
+        os.kill(fresh.daemon.pid, signal.SIGKILL)
+        fresh.daemon.end()
+
+    fresh.start_daemon(_until_ready_or_fault)
+    with fresh.client() as client:
+        cut = client.request("result", id="cut")["result"]
+        assert cut["error"]["name"] == "interrupted"
+        again = client.job("place", job_id="cut", board_um=[39_000.0, 29_000.0], theta_deg=90.0)
+        assert again.error is not None, "the same id is answered the same way, and moves nothing"
+        assert fresh.truth()["moving"] is False
+    assert fresh.daemon.end() == 0, fresh.daemon.last_words()
+    truth = fresh.truth()
+    assert truth["white"] < 0.05
+    assert truth["red"] < 0.05
+
+
+def _until_ready_or_fault(process: Process, control: str) -> None:
+    with Client(control, timeout_s=1.0) as client:
+        give_up_s = time.monotonic() + 60.0
+        while time.monotonic() < give_up_s:
+            assert process.alive(), process.last_words()
+            try:
+                status = client.request("status")
+            except TimeoutError:
+                continue
+            if status["fault"] or status["state"] == "idle":
+                return
+            time.sleep(0.05)
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [(("/bus", "/no-such-port"), "link_lost"), (("/camera", "/no-such-camera"), "camera_failed")],
+)
+def test_a_missing_device_is_named_and_the_daemon_goes_on(tmp_path: Path, change: tuple[str, str], name: str) -> None:
+    with running_rig(tmp_path) as rig:
+        assert rig.daemon.end() == 0
+        settings = tmp_path / "station.toml"
+        good = settings.read_text()
+        settings.write_text(good.replace(change[0] + '"', change[1] + '"'))
+        rig.start_daemon(_until_answering)
+        with rig.client() as client:
+            fault = client.request("status")["fault"]
+            assert fault["name"] == name
+            assert fault["advice"]
+            assert client.request("describe")["ops"]

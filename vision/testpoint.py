@@ -1,0 +1,202 @@
+"""TDEA: find the test points near the tip in a red-lit picture, by taking and throwing (thesis 5.4).
+
+Circles are proposed, measured on raw pixels and run through the rules together with everything else that is bright.
+What is taken is a test point, what is thrown is not, and an undecided object near the tip is a fault, never a guess.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vision.circle import View
+from vision.image import Gray, check_bgr, check_exposure, check_point, red_signal
+from vision.notfound import NotFound, Reason
+from vision.probe_model import needle_outline
+from vision.rules import RULES, SITE_RADIUS_PX, Decided, Rule, Verdict, Wanted, decide, is_via
+from vision.testpoint_objects import open_window, other_objects, round_objects
+from vision.tip import Tip
+
+# Room beside the largest pad for its edge and surroundings.
+MARGIN_PX = 8
+# Two candidates whose distances to the tip differ by less than this cannot be told apart by distance.
+AMBIGUOUS_PX = 3.0
+# The needle's outline is trusted to this: its silhouette, its blur, and what it reflects onto.
+NEEDLE_MARGIN_PX = 3.0
+# A frame taken without light stays below this everywhere; a bare board under red light does not.
+DARK_LEVEL = 12.0
+LARGEST_RADIUS_PX = 200.0
+
+
+@dataclass(frozen=True, slots=True)
+class TestPoint:
+    """Hold a taken pad: (x_px, y_px) is the target, the hole's centre where it is seen, else the pad's.
+
+    radius_px: the pad's semi-major radius; pad_px: its centre; hole_px: the hole's (x, y, radius) or None; sigma_px:
+    1-sigma of each coordinate of the target; visible: share of its contour that nothing hides; rule: what took it.
+    """
+
+    __test__ = False  # the name would make pytest collect it
+
+    x_px: float
+    y_px: float
+    radius_px: float
+    kind: Literal["via", "site"]
+    pad_px: tuple[float, float]
+    hole_px: tuple[float, float, float] | None
+    sigma_px: float
+    visible: float
+    rule: str
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """Hold everything seen near the tip; false when there is no nearest test point.
+
+    nearest: the answer or why there is none; taken: all test points, nearest first; thrown, undecided: the other
+    objects, nearest first, with the rule that decided; window_px: (x, y, width, height) looked at.
+    """
+
+    nearest: TestPoint | NotFound
+    taken: tuple[TestPoint, ...]
+    thrown: tuple[Decided, ...]
+    undecided: tuple[Decided, ...]
+    window_px: tuple[int, int, int, int]
+
+    def __bool__(self) -> bool:
+        return bool(self.nearest)
+
+
+def find_test_points(
+    red_bgr: Any,
+    around_px: tuple[float, float],
+    reach_px: float = 30,
+    expected_radius_px: float | None = None,
+    needle: Tip | None = None,
+    view: View | None = None,
+    rules: tuple[Rule, ...] = RULES,
+) -> Seen:
+    """Find test points within `reach_px` of `around_px` (x, y) in a red frame (H, W, 3) uint8 BGR.
+
+    expected_radius_px: the semi-major radius CAD expects, which replaces the thesis' classes (via 5..8 px, site
+    14..21 px) and widens the window. needle: where the needle is in this picture; what it hides is left out. view: how
+    obliquely the board is seen (default: the needle's direction and a ratio of 0.87). Good to about 0.05 px on whole
+    pads, 0.2 px on half-hidden ones. `nearest` is NotFound with one of too_dark, saturated, out_of_frame,
+    no_test_point, ambiguous, undecided. ValueError for a wrong array, a point or number that is not finite.
+    """
+    image = check_bgr(red_bgr)
+    around = check_point(around_px, "around_px")
+    radius = _check_radius(expected_radius_px)
+    if not (np.isfinite(reach_px) and 1.0 <= reach_px <= 1000.0):
+        raise ValueError(f"reach_px must be 1..1000 px, got {reach_px}")
+    half = int(np.ceil(reach_px + (SITE_RADIUS_PX[1] if radius is None else radius) + MARGIN_PX))
+    x, y = int(np.rint(around[0])) - half, int(np.rint(around[1])) - half
+    area = x, y, 2 * half + 1, 2 * half + 1
+    if x < 0 or y < 0 or x + area[2] > image.shape[1] or y + area[3] > image.shape[0]:
+        size = f"{image.shape[1]} x {image.shape[0]}"
+        fact = f"the window x {x}..{x + area[2]}, y {y}..{y + area[3]} px does not lie in the picture of {size} px"
+        return _nothing(NotFound(Reason.OUT_OF_FRAME, f"{fact}: is the tip where it was taught?"), area)
+    plane = red_signal(image[y : y + area[3], x : x + area[2]])
+    problem = check_exposure(plane, dark_level=DARK_LEVEL, dark_percentile=50.0, clipped_share=0.6)
+    if problem is not None:
+        return _nothing(problem, area)
+    if view is None:
+        view = View() if needle is None else View(minor_rad=needle.angle_rad)
+    return _look(plane, area, around, reach_px, radius, needle, view, rules)
+
+
+def _look(
+    plane: Gray,
+    area: tuple[int, int, int, int],
+    around: tuple[float, float],
+    reach: float,
+    radius: float | None,
+    needle: Tip | None,
+    view: View,
+    rules: tuple[Rule, ...],
+) -> Seen:
+    window = open_window(plane, (area[0], area[1]), around, view, _outline(needle))
+    circles = round_objects(window, Wanted(radius, 0.0))
+    wanted = Wanted(radius, max((seen.level for seen in circles), default=0.0))
+    decided = [decide(seen, wanted, rules) for seen in circles]
+    rest = other_objects(window, [item.object for item in decided if item.verdict is not Verdict.PASS])
+    decided += [decide(seen, wanted, rules) for seen in rest if not _inside(seen.x_px, seen.y_px, decided)]
+    decided.sort(key=lambda item: item.object.distance_px)
+    points = [_point(item, (area[0], area[1])) for item in decided if item.verdict is Verdict.TAKE]
+    taken = tuple(sorted(points, key=lambda point: _distance(point, around)))
+    thrown = tuple(item for item in decided if item.verdict is Verdict.THROW)
+    undecided = tuple(item for item in decided if item.verdict is Verdict.PASS)
+    return Seen(_nearest(taken, undecided, around, reach), taken, thrown, undecided, area)
+
+
+def _inside(x_px: float, y_px: float, decided: list[Decided]) -> bool:
+    """Tell whether a point lies in a circle that is already listed (a region is then the same thing once more)."""
+    circles = [item.object for item in decided if item.object.circle is not None]
+    return any(np.hypot(seen.x_px - x_px, seen.y_px - y_px) < 0.5 * seen.length_px for seen in circles)
+
+
+def _outline(needle: Tip | None) -> NDArray[np.float64] | None:
+    if needle is None:
+        return None
+    return needle_outline((needle.x_px, needle.y_px), needle.angle_rad, needle.shape, NEEDLE_MARGIN_PX)
+
+
+def _check_radius(radius: float | None) -> float | None:
+    if radius is None:
+        return None
+    if not (np.isfinite(radius) and 3.0 <= radius <= LARGEST_RADIUS_PX):
+        raise ValueError(f"expected_radius_px must be 3..{LARGEST_RADIUS_PX:.0f} px, got {radius}")
+    return float(radius)
+
+
+def _nothing(reason: NotFound, area: tuple[int, int, int, int]) -> Seen:
+    return Seen(reason, (), (), (), area)
+
+
+def _point(item: Decided, corner: tuple[int, int]) -> TestPoint:
+    circle, hole = item.object.circle, item.object.hole
+    if circle is None:
+        raise ValueError(f"the rule {item.rule} took an object without a circle: it has no centre to land on")
+    pad = circle.x_px + corner[0], circle.y_px + corner[1]
+    kind: Literal["via", "site"] = "via" if is_via(item.object) else "site"
+    if hole is None:
+        return TestPoint(*pad, circle.radius_px, kind, pad, None, circle.sigma_px, circle.visible, item.rule)
+    at = hole.x_px + corner[0], hole.y_px + corner[1]
+    hole_px = (*at, hole.radius_px)
+    return TestPoint(*at, circle.radius_px, kind, pad, hole_px, hole.sigma_px, circle.visible, item.rule)
+
+
+def _distance(point: TestPoint, around: tuple[float, float]) -> float:
+    return float(np.hypot(point.x_px - around[0], point.y_px - around[1]))
+
+
+def _nearest(
+    taken: tuple[TestPoint, ...], undecided: tuple[Decided, ...], around: tuple[float, float], reach: float
+) -> TestPoint | NotFound:
+    """Return the nearest test point (eq. 5.12), or why none may be chosen."""
+    distances = [_distance(point, around) for point in taken]
+    limit = min([*distances, reach]) + AMBIGUOUS_PX
+    unclear = [item for item in undecided if item.object.distance_px < limit]
+    if unclear:
+        seen = unclear[0].object
+        return NotFound(
+            Reason.UNDECIDED,
+            f"an object {seen.distance_px:.1f} px from the tip at ({seen.x_px:.0f}, {seen.y_px:.0f}) px is neither a "
+            "test point nor clearly none: look at the picture, clean the pad, or give the pad's radius from CAD",
+        )
+    if not taken or distances[0] > reach:
+        away = f"the nearest is {distances[0]:.1f} px away" if taken else "none is in the window"
+        return NotFound(
+            Reason.NO_TEST_POINT,
+            f"no test point within {reach:.0f} px of the tip ({away}): is the board in its place and the lamp red?",
+        )
+    if len(taken) > 1 and distances[1] - distances[0] < AMBIGUOUS_PX and distances[1] <= reach + AMBIGUOUS_PX:
+        return NotFound(
+            Reason.AMBIGUOUS,
+            f"two test points lie {distances[0]:.1f} and {distances[1]:.1f} px from the tip: distance cannot tell "
+            "which is meant; give the pad's radius from CAD or match the constellation",
+        )
+    return taken[0]
