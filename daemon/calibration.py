@@ -22,7 +22,7 @@ from daemon.states import Event
 from daemon.station import Look, Search
 from drivers.gantry import Position
 from drivers.lights import Light
-from vision import ProbeModel, TestPoint
+from vision import ProbeModel, TestPoint, Tip
 from vision.frames import Array
 from vision.posemap import PoseMap, Sighting, fit_pose_map
 
@@ -61,8 +61,7 @@ async def _map(job: Job, bench: Bench, request: Calibrate) -> Outcome:
     job.partial.test_point = request.test_point
     point = bench.board.find(request.test_point or "")
     bench.calibrations.require_probe()
-    if not await bench.station.homed():
-        raise Fault(Kind.NOT_HOMED)
+    await bench.station.require_homed(job.watch, job.deadline)
     walk = _Walk(job, bench, point, request.theta_deg)
     for place in walk.extremes():
         bench.station.check(place)
@@ -99,6 +98,7 @@ class _Walk:
         self._reach_um = bench.config.servo.max_placement_um
         self._reach_px = 2 * self._reach_um / bench.config.camera.pitch_um
         self._verifying = False
+        self._position = self._over
         self.tip_px = (math.nan, math.nan)
         self.sightings: list[Sighting] = []
 
@@ -167,7 +167,7 @@ class _Walk:
         if self._verifying:
             self._job.fire(Event.OFF_TARGET)
         self._job.moves += 1
-        await self._bench.station.go(target, self._job.watch, self._job.deadline)
+        self._position = await self._bench.station.go(target, self._job.watch, self._job.deadline)
         self._job.fire(Event.ARRIVED)
         self._verifying = True
 
@@ -183,17 +183,23 @@ class _Walk:
                 raise Fault(Kind.TEST_POINT_NOT_FOUND, f"{self._point.name} was not seen", reason=str(target))
             return None
         position = look.position
-        self.tip_px = (tip.x_px, tip.y_px)
+        at = self._as_if_unbent(tip, target)
         if abs(position.z_um - self._bench.config.gantry.work_z_um) < 5.0:
-            at = (target.x_px, target.y_px)
             self.sightings.append(Sighting(at, position.x_um, position.y_um, position.theta_deg))
-        return np.array([target.x_px, target.y_px])
+        return np.array(at)
+
+    def _as_if_unbent(self, tip: Tip, target: TestPoint) -> tuple[float, float]:
+        """Return the target's pixel as in the first look: from stop to stop, camera and needle flex together."""
+        if math.isnan(self.tip_px[0]):
+            self.tip_px = (tip.x_px, tip.y_px)
+        return target.x_px - tip.x_px + self.tip_px[0], target.y_px - tip.y_px + self.tip_px[1]
 
     async def _look(self) -> Look:
         bench, job = self._bench, self._job
         expected_px = self._point.diameter_um / 2 / bench.config.camera.pitch_um
         search = Search((0.0, 0.0), self._reach_px, expected_px)
-        look = await bench.station.look(bench.calibrations.require_probe(), search, job.watch, job.deadline)
+        probe = bench.calibrations.require_probe()
+        look = await bench.station.look(self._position, probe, search, job.watch, job.deadline)
         job.saw(look)
         return look
 

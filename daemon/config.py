@@ -189,8 +189,8 @@ class BoardSection(Section):
 class ServoSection(Section):
     """When a correction is good, and when it must give up."""
 
-    tolerance_um: Positive = Field(default=15.0, description="on target within this")
-    max_moves: int = Field(default=3, ge=1, le=10)
+    tolerance_um: Positive = Field(default=12.0, description="on target within this")
+    max_moves: int = Field(default=5, ge=1, le=10)
     max_placement_um: Positive = Field(default=700.0, description="largest placement error that can be corrected")
     match_um: Positive = Field(default=120.0, description="a pad seen and one of CAD's agree within this")
     calibration_days: Positive = Field(default=30.0, description="a map older than this is not used")

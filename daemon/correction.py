@@ -19,10 +19,10 @@ async def correct(job: Job, bench: Bench) -> Outcome:
     request = job.request
     if not isinstance(request, Correct):
         raise TypeError(request)
-    point, pose_map = await admit(job, bench, request)
+    point, pose_map, position = await admit(job, bench, request)
     job.fire(Event.ACCEPTED)
-    await bench.station.to_work_height(job.watch, job.deadline)
-    aim = await look_and_aim(job, bench, point, pose_map)
+    position = await bench.station.to_work_height(position, job.watch, job.deadline)
+    aim = await look_and_aim(job, bench, position, point, pose_map)
     before_um = aim.error_um
     job.partial.error_before_um = round(before_um, 2)
     tolerance_um = bench.config.servo.tolerance_um
@@ -30,9 +30,9 @@ async def correct(job: Job, bench: Bench) -> Outcome:
         return _outcome("already_on_target", point, before_um, aim)
     job.fire(Event.SEEN)
     for moves_left in reversed(range(bench.config.servo.max_moves)):
-        await _move(job, bench, aim, pose_map)
+        position = await _move(job, bench, aim, pose_map)
         job.fire(Event.ARRIVED)
-        last_um, aim = aim.error_um, await look_and_aim(job, bench, point, pose_map)
+        last_um, aim = aim.error_um, await look_and_aim(job, bench, position, point, pose_map)
         job.partial.error_after_um = round(aim.error_um, 2)
         if aim.error_um <= tolerance_um:
             return _outcome("corrected", point, before_um, aim)
@@ -46,12 +46,11 @@ async def correct(job: Job, bench: Bench) -> Outcome:
     )
 
 
-async def admit(job: Job, bench: Bench, request: Correct) -> tuple[BoardPoint, PoseMap]:
+async def admit(job: Job, bench: Bench, request: Correct) -> tuple[BoardPoint, PoseMap, Position]:
     """Check all that must hold before anything is done: homing, calibration, the head's place, the envelope."""
     job.partial.test_point = request.test_point
     point = bench.board.point(request.test_point)
-    if not await bench.station.homed():
-        raise Fault(Kind.NOT_HOMED)
+    await bench.station.require_homed(job.watch, job.deadline)
     bench.calibrations.require_probe()
     pose_map = bench.calibrations.require_map(bench.config.servo.calibration_days, bench.config.gantry.work_z_um)
     position = await bench.station.position(job.watch, job.deadline)
@@ -64,10 +63,10 @@ async def admit(job: Job, bench: Bench, request: Correct) -> tuple[BoardPoint, P
             away_um=round(away_um, 1),
             limit_um=bench.config.servo.max_placement_um,
         )
-    return point, pose_map
+    return point, pose_map, position
 
 
-async def _move(job: Job, bench: Bench, aim: Aim, pose_map: PoseMap) -> None:
+async def _move(job: Job, bench: Bench, aim: Aim, pose_map: PoseMap) -> Position:
     """Go by what the look found: an absolute target, never further than the map was calibrated for."""
     way = aim.correction
     limit_um = min(pose_map.radius_um, bench.config.servo.max_placement_um)
@@ -82,8 +81,9 @@ async def _move(job: Job, bench: Bench, aim: Aim, pose_map: PoseMap) -> None:
     bench.station.check(target)
     await bench.station.prepare_white(job.watch, job.deadline)
     job.moves += 1
-    await bench.station.go(target, job.watch, job.deadline)
+    reached = await bench.station.go(target, job.watch, job.deadline)
     job.note("move", {"x_um": round(target.x_um, 2), "y_um": round(target.y_um, 2), "theta_deg": here.theta_deg})
+    return reached
 
 
 def _must_shrink(before_um: float, after_um: float) -> None:

@@ -26,8 +26,7 @@ async def home(job: Job, bench: Bench) -> Outcome:
     job.moves += 1
     await bench.station.home(job.watch, job.deadline)
     job.fire(Event.ARRIVED)
-    if not await bench.station.homed():
-        raise Fault(Kind.NOT_HOMED, "homing ended, but a drive says it is not homed")
+    await bench.station.require_homed(job.watch, job.deadline)
     position = await bench.station.position(job.watch, job.deadline)
     return Outcome("homed", detail={"position": _numbers(position)})
 
@@ -39,16 +38,14 @@ async def place(job: Job, bench: Bench) -> Outcome:
         raise TypeError(request)
     job.partial.test_point = request.test_point
     x_um, y_um = _place_of(request, bench)
-    if not await bench.station.homed():
-        raise Fault(Kind.NOT_HOMED)
+    await bench.station.require_homed(job.watch, job.deadline)
     target = bench.station.position_over(x_um, y_um, request.theta_deg)
     bench.station.check(target)
     job.fire(Event.ACCEPTED)
     job.fire(Event.SEEN)
     job.moves += 1
-    await bench.station.go(target, job.watch, job.deadline)
+    position = await bench.station.go(target, job.watch, job.deadline)
     job.fire(Event.ARRIVED)
-    position = await bench.station.position(job.watch, job.deadline)
     away_um = math.dist((position.x_um, position.y_um, position.z_um), (target.x_um, target.y_um, target.z_um))
     if away_um > ARRIVED_WITHIN_UM:
         raise Fault(Kind.MOTION_FAILED, f"the axes stand {away_um:.0f} um from where they were sent")
@@ -63,26 +60,27 @@ async def look(job: Job, bench: Bench) -> Outcome:
         raise TypeError(request)
     job.partial.test_point = request.test_point
     job.fire(Event.ACCEPTED)
+    position = await bench.station.position(job.watch, job.deadline)
     if request.test_point is not None:
         point = bench.board.point(request.test_point)
         calibrations = bench.calibrations
         pose_map = calibrations.require_map(bench.config.servo.calibration_days, bench.config.gantry.work_z_um)
-        aim = await look_and_aim(job, bench, point, pose_map)
+        aim = await look_and_aim(job, bench, position, point, pose_map)
         return Outcome(
             "looked",
             test_point=point.name,
             error_before_um=round(aim.error_um, 2),
             detail=describe(aim.look, aim.target, aim.correction),
         )
-    return Outcome("looked", detail=await _look_freely(job, bench))
+    return Outcome("looked", detail=await _look_freely(job, bench, position))
 
 
-async def _look_freely(job: Job, bench: Bench) -> dict[str, object]:
+async def _look_freely(job: Job, bench: Bench, position: Position) -> dict[str, object]:
     """Look without expecting any size; the answer lists all that was taken."""
     probe, pose_map = bench.calibrations.probe, bench.calibrations.pose_map
     below_px = pose_map.below_tip_px if pose_map else (0.0, 0.0)
     search = Search(below_px, FREE_LOOK_REACH_UM / bench.config.camera.pitch_um, None)
-    look = await bench.station.look(probe, search, job.watch, job.deadline)
+    look = await bench.station.look(position, probe, search, job.watch, job.deadline)
     job.saw(look)
     body = describe(look, None, None)
     if look.seen is not None:

@@ -37,13 +37,13 @@ class Aim:
         return self.correction.distance_um
 
 
-async def look_and_aim(job: Job, bench: Bench, point: BoardPoint, pose_map: PoseMap) -> Aim:
-    """Take one look and find the way to `point`; a `Fault` says what could not be seen."""
+async def look_and_aim(job: Job, bench: Bench, position: Position, point: BoardPoint, pose_map: PoseMap) -> Aim:
+    """Take one look from `position` and find the way to `point`; a `Fault` says what could not be seen."""
     model = bench.calibrations.require_probe()
     servo = bench.config.servo
     reach_um = servo.max_placement_um + servo.match_um
     search = Search.by_map(pose_map, model.tip_px, point, reach_um)
-    look = await bench.station.look(model, search, job.watch, job.deadline)
+    look = await bench.station.look(position, model, search, job.watch, job.deadline)
     job.saw(look)
     tip = require_tip(look)
     target = choose(look, tip, point, pose_map, bench)

@@ -16,6 +16,7 @@ import numpy as np
 from daemon.board import BoardPoint
 from daemon.clock import Stopwatch
 from daemon.config import Config
+from daemon.faults import Fault, Kind
 from daemon.hardware import Hardware
 from drivers.camera import Frame
 from drivers.deadline import Deadline
@@ -25,6 +26,7 @@ from vision import NotFound, ProbeModel, Seen, Tip, find_test_points, find_tip
 from vision.frames import Array, HeadModel, Rigid2
 from vision.posemap import PoseMap
 
+HOMED_WITHIN_S = 2.0
 HEIGHT_WINDOW_UM = 5.0
 """The head is at working height when Z agrees this well."""
 
@@ -96,23 +98,21 @@ class Station:
         with watch.spend("bus"):
             return await self._hardware.gantry.position(deadline)
 
-    async def go(self, target: Position, watch: Stopwatch, deadline: Deadline) -> None:
-        """Move the head; cancelling stops it."""
+    async def go(self, target: Position, watch: Stopwatch, deadline: Deadline) -> Position:
+        """Move the head and return where the drives report it to be; cancelling stops it."""
         self._hardware.gantry.check(target)
         with watch.spend("motion"):
             try:
-                await self._hardware.gantry.move_to(target, deadline)
+                return await self._hardware.gantry.move_to(target, deadline)
             finally:
                 self._resting_since_s = time.monotonic()
 
-    async def to_work_height(self, watch: Stopwatch, deadline: Deadline) -> Position:
+    async def to_work_height(self, position: Position, watch: Stopwatch, deadline: Deadline) -> Position:
         """Bring Z to the one height at which looks are taken; return the position."""
-        position = await self.position(watch, deadline)
         if abs(position.z_um - self.config.gantry.work_z_um) <= HEIGHT_WINDOW_UM:
             return position
         level = Position(position.x_um, position.y_um, self.config.gantry.work_z_um, position.theta_deg)
-        await self.go(level, watch, deadline)
-        return await self.position(watch, deadline)
+        return await self.go(level, watch, deadline)
 
     async def home(self, watch: Stopwatch, deadline: Deadline) -> None:
         """Home all axes."""
@@ -122,17 +122,21 @@ class Station:
             finally:
                 self._resting_since_s = time.monotonic()
 
-    async def homed(self) -> bool:
-        """Say whether every drive still knows where it is."""
-        return await self._hardware.gantry.homed()
+    async def require_homed(self, watch: Stopwatch, deadline: Deadline) -> None:
+        """Raise unless every drive still knows where it is."""
+        with watch.spend("bus"):
+            homed = await self._hardware.gantry.homed(deadline.within(HOMED_WITHIN_S))
+        if not homed:
+            raise Fault(Kind.NOT_HOMED)
 
     def check(self, target: Position) -> None:
         """Raise if the target is outside of what the machine may reach."""
         self._hardware.gantry.check(target)
 
-    async def look(self, model: ProbeModel | None, search: Search, watch: Stopwatch, deadline: Deadline) -> Look:
-        """Take white and red and find tip and pads; nothing moves."""
-        position = await self.position(watch, deadline)
+    async def look(
+        self, position: Position, model: ProbeModel | None, search: Search, watch: Stopwatch, deadline: Deadline
+    ) -> Look:
+        """Take white and red from where the head is and find tip and pads; nothing moves."""
         white = await self.picture(Light.WHITE, watch, deadline)
         tip_search = asyncio.create_task(asyncio.to_thread(_search_tip, white, model))
         try:
@@ -154,10 +158,9 @@ class Station:
         ready_s = max(lit_at_s, still_at_s)
         patience_s = self.config.camera.timeout_ms / 1e3
         frame = await self._hardware.camera.frame_after(ready_s, deadline.within(ready_s - asked_s + patience_s))
-        exposed_s = frame.exposure_start_s + frame.exposure_s
         watch.book("light", ready_s - asked_s)
-        # What comes after the end of the exposure (transfer, decoding) is software, and is booked as such.
-        watch.book("exposure", min(exposed_s, time.monotonic()) - max(ready_s, asked_s))
+        # Waiting for the exposure and for the camera to send it; decoding comes after that and is software.
+        watch.book("exposure", frame.received_s - max(ready_s, asked_s))
         return frame
 
     async def prepare_white(self, watch: Stopwatch, deadline: Deadline) -> None:

@@ -22,6 +22,8 @@ RAY_SIGMA_PX = 0.9
 SHAPE_SIGMA = 0.025
 LEAST_RAYS = 10
 LEAST_COVERAGE = 0.35
+# An edge this near the fit lies on it: px, or share of the radius if that is more.
+NEAR_PX, NEAR_SHARE = 0.7, 0.03
 ROUNDS = 3
 
 
@@ -138,7 +140,8 @@ def _one_round(
         return None
     prior = np.array([np.inf, np.inf, np.inf, SHAPE_SIGMA * radius, SHAPE_SIGMA * radius])
     fit = robust_fit(design[good], place[good] - radius, prior, floor=0.04, ceiling=max(0.3, 0.02 * radius), rounds=4)
-    return _as_circle(fit, circle, view, float(np.count_nonzero(seen)), rays, level)
+    residual = place[good] - radius - design[good] @ fit.parameters
+    return _as_circle(fit, residual, circle, view, float(np.count_nonzero(seen)), rays, level)
 
 
 def _visible(
@@ -160,9 +163,10 @@ def _visible(
 
 
 def _as_circle(
-    fit: Fit, circle: tuple[float, float, float], view: View, seen: float, rays: int, level: float
+    fit: Fit, residual: Floats, circle: tuple[float, float, float], view: View, seen: float, rays: int, level: float
 ) -> CircleFit | None:
-    used = float(np.count_nonzero(fit.weights > 0.2))
+    near = max(NEAR_PX, NEAR_SHARE * circle[2])
+    used = float(np.count_nonzero(np.abs(residual) < near))
     if used < LEAST_RAYS:
         return None
     grow, minor, major = (float(number) for number in fit.parameters[:3])

@@ -84,14 +84,13 @@ def _count(
 def _peaks(votes: NDArray[np.float32], trial_px: tuple[float, ...]) -> list[Seed]:
     """Return the strongest places, each taking its neighbourhood (half its radius) out of the vote at all radii."""
     best = votes.max(axis=0)
-    which = votes.argmax(axis=0)
     found: list[Seed] = []
     while len(found) < MOST_SEEDS:
         y, x = divmod(int(np.argmax(best)), best.shape[1])
         share = float(best[y, x])
         if share < LEAST_SHARE:
             break
-        radius = trial_px[int(which[y, x])]
+        radius = trial_px[int(np.argmax(votes[:, y, x]))]
         found.append(Seed(float(x), float(y), radius, share))
         cv2.circle(best, (x, y), max(int(0.5 * radius), 2), (0.0,), -1)
     return found

@@ -88,10 +88,7 @@ class PoseMap:
 
     def scale_px_per_um(self, tip_px: tuple[float, float]) -> float:
         """Return the larger image scale below the tip: what a circle's semi-major axis is multiplied with."""
-        ring = (
-            np.array([(math.cos(a), math.sin(a)) for a in np.linspace(0, math.pi, 36, endpoint=False)])
-            * 100.0
-        )
+        ring = np.array([(math.cos(a), math.sin(a)) for a in np.linspace(0, math.pi, 36, endpoint=False)]) * 100.0
         px = self.to_px(np.vstack([ring, -ring]), tip_px, 0.0)
         return float(np.linalg.norm(px[:36] - px[36:], axis=1).max() / 200.0)
 
@@ -158,9 +155,7 @@ def fit_pose_map(sightings: Sequence[Sighting], *, tip_px: tuple[float, float], 
         raise ValueError("a sighting is not finite")
     homography, rms = _fit_homography(px, um)
     pose_map = PoseMap(homography, below_tip_px, 1.0, rms, work_z_um)
-    reach = np.linalg.norm(
-        pose_map.to_head_um(px) - pose_map.to_head_um(np.add(tip_px, below_tip_px)), axis=1
-    )
+    reach = np.linalg.norm(pose_map.to_head_um(px) - pose_map.to_head_um(np.add(tip_px, below_tip_px)), axis=1)
     return PoseMap(homography, below_tip_px, float(reach.max()), rms, work_z_um)
 
 
@@ -173,10 +168,12 @@ def _fit_homography(px: Array, um: Array) -> tuple[Array, float]:
         raise ValueError("the sightings lie on a line; spread them over both directions")
     affine = np.linalg.lstsq(np.c_[a, np.ones(len(a))], b, rcond=None)[0].T
     start = np.r_[affine.ravel(), 0.0, 0.0]
-    fit = least_squares(
-        lambda p: (_apply(np.r_[p, 1.0].reshape(3, 3), a) - b).ravel(), start, loss="soft_l1", f_scale=0.02
-    )
-    if fit.status <= 0 or np.linalg.cond(fit.jac) > MAX_CONDITION:
+
+    def residuals(p: Array) -> Array:
+        return (_apply(np.r_[p, 1.0].reshape(3, 3), a) - b).ravel()
+
+    fit = least_squares(residuals, start, loss="soft_l1", f_scale=0.02)
+    if fit.status <= 0 or np.linalg.cond(np.asarray(fit.jac, dtype=float)) > MAX_CONDITION:
         raise ValueError("the fit is ill-conditioned; spread the sightings wider")
     h = np.linalg.inv(n_um) @ np.r_[fit.x, 1.0].reshape(3, 3) @ n_px
     residual = np.linalg.norm(_apply(h, px) - um, axis=1)

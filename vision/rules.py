@@ -25,11 +25,14 @@ EXPECTED_SHARE, EXPECTED_SLACK_PX = 0.12, 1.0
 # Less than this above its surroundings is a trace under the mask, not metal.
 FAINT_CONTRAST = 35.0
 # A contour is a circle if edges lie on this share of what is visible of it, and enough of it is visible.
-ROUND_COVERAGE, LEAST_VISIBLE = 0.62, 0.40
+ROUND_COVERAGE, LEAST_VISIBLE = 0.70, 0.40
 # Metal much duller than the brightest round thing beside it may be silkscreen: not taken, not thrown.
 DULL_SHARE = 0.55
 # A disc fills 0.785 of the smallest rectangle round it; what fills more than this is one.
 ANGULAR_FILL = 0.87
+# What goes on beyond a circle as wide as this share of its diameter is a stroke of which the circle is only the end;
+# a trace is narrower than its pad, and a touching pad narrows to nothing where they meet.
+STROKE_NECK = 0.86
 # Of a taken pad, hole aside, at least this share is bright.
 LEAST_FILL = 0.75
 
@@ -57,8 +60,9 @@ class SeenObject:
     """Hold the features of one bright object; lengths on the board's plane in semi-major px.
 
     length_px, thickness_px: sides of the smallest rectangle round it. circularity: Heywood's, perimeter over that of a
-    disc of the same area (1 = round). boxed: share of that rectangle it fills. fill: share of its circle that is bright.
-    level, contrast: its median brightness, and that above its surroundings. circle, hole: measured on raw pixels.
+    disc of the same area (1 = round). boxed: share of that rectangle it fills. fill: bright share of its circle.
+    level, contrast: its median brightness, and that above its surroundings. neck: width of the widest bright thing that
+    goes on beyond its circle, over the circle's diameter (0 = nothing). circle, hole: measured on raw pixels.
     """
 
     x_px: float
@@ -71,6 +75,7 @@ class SeenObject:
     fill: float
     level: float
     contrast: float
+    neck: float
     touches_border: bool
     circle: CircleFit | None
     hole: Hole | None
@@ -134,6 +139,11 @@ def wrong_size(seen: SeenObject, wanted: Wanted) -> Verdict:
     return Verdict.THROW if radius < 0.7 * VIA_RADIUS_PX[0] else Verdict.PASS
 
 
+def stroke_end(seen: SeenObject, _wanted: Wanted) -> Verdict:
+    """Throw the round ends of strokes of silkscreen: they look like a filled via that goes on at its full width."""
+    return Verdict.THROW if seen.circle is not None and seen.neck >= STROKE_NECK else Verdict.PASS
+
+
 def via_with_hole(seen: SeenObject, wanted: Wanted) -> Verdict:
     """Take small pads with a dark hole (fig. 5.17 a, b)."""
     return _take(sound(seen, wanted) and is_via(seen) and seen.hole is not None)
@@ -188,6 +198,7 @@ RULES: tuple[Rule, ...] = (
     faint,
     thin,
     wrong_size,
+    stroke_end,
     via_with_hole,
     via_filled,
     site_with_hole,

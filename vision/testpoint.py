@@ -6,7 +6,7 @@ What is taken is a test point, what is thrown is not, and an undecided object ne
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -29,6 +29,8 @@ NEEDLE_MARGIN_PX = 3.0
 # A frame taken without light stays below this everywhere; a bare board under red light does not.
 DARK_LEVEL = 12.0
 LARGEST_RADIUS_PX = 200.0
+# Two pads whose centres are nearer than this share of the sum of their radii would lie on each other.
+OVERLAP_SHARE = 0.78
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,12 +126,36 @@ def _look(
     decided = [decide(seen, wanted, rules) for seen in circles]
     rest = other_objects(window, [item.object for item in decided if item.verdict is not Verdict.PASS])
     decided += [decide(seen, wanted, rules) for seen in rest if not _inside(seen.x_px, seen.y_px, decided)]
+    decided = _apart(decided)
     decided.sort(key=lambda item: item.object.distance_px)
     points = [_point(item, (area[0], area[1])) for item in decided if item.verdict is Verdict.TAKE]
     taken = tuple(sorted(points, key=lambda point: _distance(point, around)))
     thrown = tuple(item for item in decided if item.verdict is Verdict.THROW)
     undecided = tuple(item for item in decided if item.verdict is Verdict.PASS)
     return Seen(_nearest(taken, undecided, around, reach), taken, thrown, undecided, area)
+
+
+def _apart(decided: list[Decided]) -> list[Decided]:
+    """Throw a taken circle that overlaps a better seen one: pads may touch, but never lie on each other."""
+    kept: list[Decided] = []
+    for item in sorted(decided, key=lambda item: -_trust(item)):
+        overlapped = item.verdict is Verdict.TAKE and any(_overlap(item, other) for other in kept)
+        kept.append(replace(item, verdict=Verdict.THROW, rule="overlapped") if overlapped else item)
+    return kept
+
+
+def _trust(item: Decided) -> float:
+    circle = item.object.circle
+    return 0.0 if circle is None else circle.coverage * circle.visible
+
+
+def _overlap(item: Decided, other: Decided) -> bool:
+    one, two = item.object, other.object
+    if other.verdict is not Verdict.TAKE or one.circle is None or two.circle is None:
+        return False
+    reach = OVERLAP_SHARE * (one.circle.radius_px + two.circle.radius_px)
+    # Seen obliquely, touching pads are nearer in the picture along the minor axis: the share leaves room for that.
+    return float(np.hypot(one.x_px - two.x_px, one.y_px - two.y_px)) < reach
 
 
 def _inside(x_px: float, y_px: float, decided: list[Decided]) -> bool:

@@ -17,6 +17,7 @@ from vision.caliper import Line, derivative
 from vision.image import Bgr, Gray, Plane, check_bgr, check_exposure, despike, gray, highlight
 from vision.notfound import NotFound, Reason
 from vision.probe_model import ProbeModel
+from vision.tip_checks import consistency, metal_beyond, side_shares
 from vision.tip_search import Match, region, search
 from vision.tip_strip import (
     CALIPER_STEP_PX,
@@ -46,9 +47,13 @@ from vision.tip_teach import marking_levels
 LEAST_SCORE = 0.45
 # Share of the calipers that must find the taught silhouette.
 LEAST_VOTE, LEAST_SUPPORT = 0.35, 0.4
+# The same for each edge of the cylinder and of the taper by itself.
+LEAST_SIDE_SUPPORT = 0.25
+# Share of the cylinder's length along which it may be as bright beyond its edge as within.
+MOST_METAL_BEYOND = 0.8
 # How far things may differ from what was taught before the needle counts as another or as damaged.
 TURN_LIMIT_DEG = 4.5
-BEND_LIMIT_PX = 2.0
+BEND_LIMIT_PX = 2.5
 WIDTH_LIMIT_PX = 1.5
 MARKING_LENGTH_LIMIT_PX = 2.5
 SHIFTED_MARKING_LIMIT_PX = 3.5
@@ -58,7 +63,7 @@ LEAST_RIM_AGREEMENT = 0.5
 # 0.14 at 2.5 px (a Gaussian of the blur and the caliper's 1.5 px together).
 LEAST_SHARPNESS = 0.135
 # The same of the whole strip, before the needle is measured: only for telling why nothing was found.
-LEAST_STRIP_SHARPNESS = 0.12
+LEAST_STRIP_SHARPNESS = 0.08
 # What stays of errors the fit cannot see: the teaching's own noise, interpolation, light across the needle.
 SYSTEMATIC_SIGMA_PX = 0.06
 BLURRED_ADVICE = "clean the lens, check its focus, or wait longer for the head to settle"
@@ -219,7 +224,19 @@ def _fine(strip: Strip, model: ProbeModel, match: Match) -> Tip | NotFound:
     contrast, sharpness = 1.0 - dark / max(metal, 1.0), rim2.strength / max(metal - dark, 1.0)
     if contrast >= LEAST_MARKING_CONTRAST and sharpness < LEAST_SHARPNESS:
         return _blurred(sharpness, LEAST_SHARPNESS)
-    bend, moved = _consistency(points, rim2, shape)
+    shares = side_shares(points, axis, shape)
+    if min(shares[0]) < LEAST_SIDE_SUPPORT:
+        return _wrong(strip, f"the cylinder's two edges show on only {_percent(shares[0])} of their length")
+    beyond = metal_beyond(strip, axis, shape)
+    if beyond > MOST_METAL_BEYOND:
+        return _wrong(strip, f"the metal goes on beyond the taught edge along {100 * beyond:.0f} % of the cylinder")
+    if min(shares[1]) < LEAST_SIDE_SUPPORT:
+        return NotFound(
+            Reason.BENT,
+            f"the taper is not where the cylinder points: its two edges show on only {_percent(shares[1])} of their "
+            "length. Replace the needle if it is bent; if the background is busy here, look from another place",
+        )
+    bend, moved = consistency(points, axis, rim2, shape)
     problem = _check(axis, rim1_u, rim2, contrast, bend, moved, shape)
     if problem is not None:
         return problem
@@ -251,29 +268,19 @@ def _check(
     return None
 
 
+def _wrong(strip: Strip, fact: str) -> NotFound:
+    advice = "is another needle mounted, or is the background too busy here? Look from another place, or teach again"
+    return _blurred_or(strip, NotFound(Reason.WRONG_NEEDLE, f"{fact}: {advice}"))
+
+
+def _percent(shares: tuple[float, float]) -> str:
+    return " and ".join(f"{100 * share:.0f} %" for share in shares)
+
+
 def _thick_axis(points: EdgePoints, shape: NeedleShape) -> Axis | None:
     """Fit the axis to the needle's thick part."""
     offered = points.offered - 2 * int((THIN_END_PX - END_CLEARANCE_PX) / CALIPER_STEP_PX)
     return fit_axis(points.where(points.u_px < -THIN_END_PX, offered), shape)
-
-
-def _consistency(points: EdgePoints, rim2: Rim, shape: NeedleShape) -> tuple[float, float]:
-    """Return (bend, moved) in px, each 0 where clutter leaves it unknown.
-
-    bend: how far the taper's own axis and the cylinder's own axis are apart at the end. moved: how far the marking
-    lies from where it was taught, by the taper's width, which tells for itself where the end is.
-    """
-    above = points.u_px < -shape.end_to_rim_px
-    parts: list[Axis] = []
-    for own in (~above, above):
-        line = fit_axis(points.where(own, max(int(np.count_nonzero(own)), 1)), shape, free_width=True)
-        if line is None or line.support < 0.75 or line.covariance[0, 0] > 0.1:
-            return 0.0, 0.0
-        parts.append(line)
-    expected = rim2.u_px + shape.end_to_rim_px
-    middle = shape.end_half_px + parts[0].taper_wider_px + 0.6 * 100.0 * shape.taper_slope
-    moved = (middle - shape.end_half_px) / shape.taper_slope - 60.0 - expected
-    return parts[0].a_px - parts[1].a_px, moved
 
 
 def _conclude(

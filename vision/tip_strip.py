@@ -66,16 +66,21 @@ class Strip:
 
 @dataclass(frozen=True, slots=True)
 class EdgePoints:
-    """Hold edge points in strip coordinates (N,): `side` is +1 for v > 0 (L2), -1 for v < 0 (L1)."""
+    """Hold edge points in strip coordinates (N,): `side` is +1 for v > 0 (L2), -1 for v < 0 (L1).
+
+    `brightens` (N,) bool: brighter inwards, as before a dark background. Before something brighter than the metal the
+    edge darkens inwards, and its steepest place lies up to half a pixel elsewhere.
+    """
 
     u_px: Floats
     v_px: Floats
     side: Floats
+    brightens: NDArray[np.bool_]
     offered: int
 
     def where(self, keep: NDArray[np.bool_], offered: int) -> EdgePoints:
         """Return the points for which `keep` (N,) holds, of `offered` calipers."""
-        return EdgePoints(self.u_px[keep], self.v_px[keep], self.side[keep], offered)
+        return EdgePoints(self.u_px[keep], self.v_px[keep], self.side[keep], self.brightens[keep], offered)
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,7 +198,7 @@ def edge_points(
     rows, u = rows[inside], np.rint(u_px[inside])
     least = 0.4 * strip.edge_level
     window = np.arange(-reach_px, reach_px + 1)
-    found: list[tuple[Floats, Floats, Floats]] = []
+    found: list[tuple[Floats, Floats, Floats, NDArray[np.bool_]]] = []
     for side in (-1.0, 1.0):
         inwards = -side * slope[rows]
         # Before a pad brighter than the metal the same edge darkens inwards; it counts, but less.
@@ -210,9 +215,10 @@ def edge_points(
         strength = part[np.arange(rows.size), peak]
         good = (strength > least) & (peak > 0) & (peak < 2 * reach_px)
         v = refine_peaks(wanted[good], at[good]) - strip.reach_px
-        found.append((u[good], v, np.full(v.shape, side)))
-    u_all, v_all, sides = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    return EdgePoints(u_all, v_all, sides, 2 * rows.size)
+        brightens = inwards[np.arange(rows.size), at] > 0.0
+        found.append((u[good], v, np.full(v.shape, side), brightens[good]))
+    u_all, v_all, sides, bright = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    return EdgePoints(u_all, v_all, sides, bright, 2 * rows.size)
 
 
 def fit_axis(points: EdgePoints, shape: NeedleShape, *, free_width: bool = False) -> Axis | None:

@@ -119,7 +119,7 @@ def write_settings(places: Places) -> Path:
     path.write_text(
         _TOML.format(
             line=places.line, camera=places.socket("camera"), control=places.socket("control"),
-            events=places.socket("events"), 
+            events=places.socket("events"),
         )
     )  # fmt: skip
     return path

@@ -21,6 +21,8 @@ class Frame:
     """Never later than the true start of the exposure of any of its rows."""
     exposure_s: float
     sequence: int
+    received_s: float
+    """When its last byte had come, before it was decoded."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -149,18 +149,20 @@ class RunningCamera:
             return any(wish.after_s <= grabbed.exposure_start_s for wish in self._wishes)
 
     def _deliver(self, source: Source, grabbed: Grabbed) -> None:
-        pixels = source.retrieve()
-        if pixels is None:
+        got = source.retrieve()
+        if got is None:
             self._count(undecodable=1)
             self._trouble = "pictures arrive torn"
             return
-        if self._is_frozen(pixels):
+        if self._is_frozen(got.pixels):
             self._count(identical=1)
             self._trouble = "camera is frozen: the same picture again and again"
             return
         self._trouble = None
-        pixels.setflags(write=False)
-        frame = Frame(pixels, grabbed.exposure_start_s, grabbed.exposure_s, grabbed.sequence)
+        got.pixels.setflags(write=False)
+        frame = Frame(
+            got.pixels, grabbed.exposure_start_s, grabbed.exposure_s, grabbed.sequence, received_s=got.received_s
+        )
         with self._lock:
             served = [wish for wish in self._wishes if wish.after_s <= frame.exposure_start_s]
             self._wishes = [wish for wish in self._wishes if wish not in served]
@@ -172,7 +174,8 @@ class RunningCamera:
     def _is_frozen(self, pixels: Pixels) -> bool:
         if not self.config.refuse_identical:
             return False
-        last, self._last_crc = self._last_crc, zlib.crc32(pixels.data)
+        # Noise is everywhere, so every eighth row tells as much as the whole, in an eighth of the time
+        last, self._last_crc = self._last_crc, zlib.crc32(pixels[::8].tobytes())
         return last == self._last_crc
 
     def _note(self, exc: CameraError) -> None:

@@ -21,6 +21,14 @@ class Grabbed:
     exposure_s: float
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Retrieved:
+    """The grabbed picture, decoded, and when its bytes were there (CLOCK_MONOTONIC, s)."""
+
+    pixels: Pixels
+    received_s: float
+
+
 class Source(Protocol):
     """A camera as one thread uses it. Errors are CameraError only."""
 
@@ -30,7 +38,7 @@ class Source(Protocol):
     def grab(self) -> Grabbed | None:
         """Take the oldest picture of the queue, waiting for one; None when none came in time."""
 
-    def retrieve(self) -> Pixels | None:
+    def retrieve(self) -> Retrieved | None:
         """Decode the grabbed picture, (H, W, 3) uint8 BGR; None when it is torn."""
 
     def close(self) -> None:

@@ -5,6 +5,7 @@ Request: one frame JSON {"v":1,"n":number,"op":...}. Reply: [JSON] or [JSON, pay
 """
 
 import json
+import time
 from typing import Any, Final
 
 import numpy as np
@@ -12,7 +13,7 @@ import zmq
 
 from drivers.camera.contract import CameraConfig, Pixels
 from drivers.camera.running import RunningCamera
-from drivers.camera.source import Grabbed, Settings, decode_jpeg
+from drivers.camera.source import Grabbed, Retrieved, Settings, decode_jpeg
 from drivers.errors import CameraError, CameraTimeout
 
 _VERSION: Final = 1
@@ -84,11 +85,16 @@ class StreamSource:
         except (KeyError, TypeError, ValueError) as exc:
             raise CameraError(f"grab reply without sense: {exc!r}", device=self._config.device) from exc
 
-    def retrieve(self) -> Pixels | None:
+    def retrieve(self) -> Retrieved | None:
         """Fetch and decode the held picture."""
+        got, payload = self._ask({"op": "retrieve"}, self._config.frame_timeout_s)
+        received_s = time.monotonic()
+        pixels = self._decode(str(got.get("encoding")), payload)
+        return None if pixels is None else Retrieved(pixels, received_s)
+
+    def _decode(self, encoding: str, payload: bytes) -> Pixels | None:
         config = self._config
-        got, payload = self._ask({"op": "retrieve"}, config.frame_timeout_s)
-        if got.get("encoding") == "mjpg":
+        if encoding == "mjpg":
             return decode_jpeg(payload, config.width_px, config.height_px)
         shape = (config.height_px, config.width_px, 3)
         if len(payload) != np.prod(shape):

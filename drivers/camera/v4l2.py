@@ -10,7 +10,7 @@ import numpy as np
 
 from drivers.camera.contract import CameraConfig, Pixels
 from drivers.camera.running import RunningCamera
-from drivers.camera.source import Grabbed, Settings, decode_jpeg
+from drivers.camera.source import Grabbed, Retrieved, Settings, decode_jpeg
 from drivers.errors import CameraError
 
 # V4L2's automatic exposure menu, as UVC cameras have it: 1 manual, 3 aperture priority
@@ -143,8 +143,13 @@ class V4L2Source:
             stamp_s = now_s - self._config.buffers * self._period_s
         return Grabbed(self._sequence, stamp_s - readout_s - self._exposure_s, self._exposure_s)
 
-    def retrieve(self) -> Pixels | None:
+    def retrieve(self) -> Retrieved | None:
         """Decode the grabbed buffer."""
+        received_s = time.monotonic()
+        pixels = self._decode()
+        return None if pixels is None else Retrieved(pixels, received_s)
+
+    def _decode(self) -> Pixels | None:
         if self._capture is None:
             return None
         try:

@@ -82,6 +82,14 @@ class Canvas:
         cover = np.clip(0.5 - distance * FINER, 0.0, 1.0)
         self.level += cover * (level - self.level)
 
+    def part(self, at: tuple[float, float], reach: float) -> Canvas:
+        """Return a window on this canvas (the same memory) that holds everything within reach of a point."""
+        x1, x2 = (int(np.clip((at[0] - self.x0 + way) * FINER, 0, self.level.shape[1])) for way in (-reach, reach))
+        y1, y2 = (int(np.clip((at[1] - self.y0 + way) * FINER, 0, self.level.shape[0])) for way in (-reach, reach))
+        window = object.__new__(Canvas)
+        window.x, window.y, window.level = (field[y1:y2, x1:x2] for field in (self.x, self.y, self.level))
+        return window
+
     def along(self, at: tuple[float, float], angle_deg: float) -> tuple[Field, Field]:
         angle = np.radians(angle_deg)
         c, s = np.float32(np.cos(angle)), np.float32(np.sin(angle))
@@ -120,16 +128,21 @@ def board_behind(canvas: Canvas, rng: np.random.Generator, white: bool, clutter:
         return canvas.x0 + rng.random() * canvas.width, canvas.y0 + rng.random() * canvas.height
 
     for _ in range(int(12 * clutter)):
-        canvas.paint(canvas.bar(place(), rng.choice([0, 45, 90, 135]), 300, rng.uniform(8, 24)), 48.0)
+        at = place()
+        near = canvas.part(at, 165.0)
+        near.paint(near.bar(at, rng.choice([0, 45, 90, 135]), 300, rng.uniform(8, 24)), 48.0)
     for _ in range(int(6 * clutter)):
-        level = rng.uniform(150, 220)
+        level, at = rng.uniform(150, 220), place()
+        near = canvas.part(at, 80.0)
         if rng.random() < 0.5:
-            canvas.paint(canvas.ellipse(*place(), rng.uniform(8, 45), 0.87, AXIS_DEG), level)
+            near.paint(near.ellipse(*at, rng.uniform(8, 45), 0.87, AXIS_DEG), level)
         else:
-            canvas.paint(canvas.bar(place(), rng.uniform(0, 180), rng.uniform(30, 90), rng.uniform(20, 60)), level)
+            near.paint(near.bar(at, rng.uniform(0, 180), rng.uniform(30, 90), rng.uniform(20, 60)), level)
     for _ in range(int(6 * clutter)):
         level = rng.uniform(150, 200) if white else rng.uniform(90, 140)
-        canvas.paint(canvas.bar(place(), rng.choice([0, 30, 90, 120]), rng.uniform(40, 120), 10), level)
+        at = place()
+        near = canvas.part(at, 80.0)
+        near.paint(near.bar(at, rng.choice([0, 30, 90, 120]), rng.uniform(40, 120), 10), level)
 
 
 def draw_needle(canvas: Canvas, needle: Needle, white: bool) -> None:

@@ -1,0 +1,91 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.vision.scene import AXIS_DEG, NOMINAL_TIP, Camera, Needle, white_frame
+from vision import ProbeModel, find_tip
+
+
+def test_teaching_measures_the_needle(model: ProbeModel) -> None:
+    assert model.tip_px == pytest.approx(NOMINAL_TIP, abs=0.25)
+    assert np.degrees(model.angle_rad) == pytest.approx(AXIS_DEG, abs=0.05)
+    assert model.h_px == pytest.approx(127.0, abs=0.5)
+    assert model.shape.marking_px == pytest.approx(45.0, abs=0.7)
+    assert 2 * model.shape.cylinder_half_px == pytest.approx(42.0, abs=0.7)
+    assert model.template.shape == (220, 116)
+    assert model.marking_contrast > 0.7
+
+
+@pytest.mark.parametrize("bulge", [0.0, 17.0])
+def test_a_click_beside_the_axis_is_put_onto_it(bulge: float) -> None:
+    frame = white_frame(Needle(bulge_px=bulge), Camera(), seed=2, clutter=0.0)
+    taught = ProbeModel.teach(frame, (429.0, 619.5))
+    assert taught.tip_px == pytest.approx(NOMINAL_TIP, abs=0.35)
+    assert abs(taught.click_offset_px) == pytest.approx(1.1, abs=0.3)
+
+
+@pytest.mark.parametrize(
+    ("needle", "click"),
+    [
+        (None, NOMINAL_TIP),
+        (Needle(marked=False), NOMINAL_TIP),
+        (Needle(), (500.0, 500.0)),
+        (Needle(), (434.0, 617.0)),
+        (Needle(), (-5.0, 10.0)),
+        (Needle(), (float("nan"), 620.0)),
+    ],
+)
+def test_what_cannot_be_taught_is_refused_with_a_reason(needle: Needle | None, click: tuple[float, float]) -> None:
+    frame = white_frame(needle, Camera(), seed=1, clutter=0.0)
+    with pytest.raises(ValueError, match=r"\w{3}"):
+        ProbeModel.teach(frame, click)
+
+
+def test_a_busy_background_is_refused_or_taught_rightly() -> None:
+    """It should never store a wrong needle."""
+    for seed in range(12):
+        frame = white_frame(Needle(), Camera(), seed=seed, clutter=1.5)
+        try:
+            taught = ProbeModel.teach(frame, NOMINAL_TIP)
+        except ValueError:
+            continue
+        assert np.hypot(*np.subtract(taught.tip_px, NOMINAL_TIP)) < 1.0
+        assert 2 * taught.shape.cylinder_half_px == pytest.approx(42.0, abs=2.0)
+
+
+def test_a_saved_model_comes_back_and_finds_the_same_tip(model: ProbeModel, tmp_path: Path) -> None:
+    path = tmp_path / "probe.model"
+    model.save(path)
+    again = ProbeModel.load(path)
+    frame = white_frame(Needle(tip=(431.2, 616.7)), Camera(), seed=9, clutter=0.3)
+    assert find_tip(frame, again) == find_tip(frame, model)
+    assert again.search_roi_px == model.search_roi_px
+
+
+@pytest.mark.parametrize("content", [b"", b"not a model", b"PK\x03\x04 torn", b"\x93NUMPY\x01\x00"])
+def test_a_file_that_is_no_model_is_a_value_error(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "bad.npz"
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match="not a probe model"):
+        ProbeModel.load(path)
+
+
+def test_a_damaged_or_later_model_is_a_value_error(model: ProbeModel, tmp_path: Path) -> None:
+    path = tmp_path / "model.npz"
+    model.save(path)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(ValueError, match="not a probe model"):
+        ProbeModel.load(path)
+    for change in ({"facts": np.array('{"version": 99}')}, {"template": np.zeros((3, 3))}):
+        with np.load(_written(path, whole)) as stored:
+            parts = {**{name: stored[name] for name in stored.files}, **change}
+        np.savez(path, **parts)
+        with pytest.raises(ValueError, match="not a probe model"):
+            ProbeModel.load(path)
+
+
+def _written(path: Path, content: bytes) -> Path:
+    path.write_bytes(content)
+    return path
