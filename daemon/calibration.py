@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -17,16 +18,20 @@ from daemon.board import BoardPoint
 from daemon.faults import Fault, Kind
 from daemon.job import Bench, Job, Outcome
 from daemon.messages import Calibrate
-from daemon.sighting import describe, refuse_undecided, require_tip
+from daemon.sighting import describe, refuse_unusable
 from daemon.states import Event
-from daemon.station import Look, Search
+from daemon.station import HEIGHT_WINDOW_UM, Look, Search
 from drivers.gantry import Position
 from drivers.lights import Light
-from vision import ProbeModel, TestPoint, Tip
+from vision import NotFound, ProbeModel, TestPoint, Tip
 from vision.frames import Array
 from vision.posemap import PoseMap, Sighting, fit_pose_map
 
-FIRST_STEP_UM = 250.0
+SEARCH_STEPS = ((0.0, 0.0), *((500.0 * math.cos(a), 500.0 * math.sin(a)) for a in np.linspace(0.4, 6.0, 7)))
+"""Where to stand for the first sight: over the target, else round it, for the needle may hide it."""
+FIRST_STEPS = (((250.0, 0.0), (-250.0, 0.0)), ((0.0, 250.0), (0.0, -250.0)))
+LEAST_SCALE = 1e-4
+"""px/um squared; a picture that moves less with the head does not show the board."""
 RINGS = ((0.45, 6), (0.95, 10))
 """Places round the target: share of the largest placement error, and how many on that circle."""
 MIN_SIGHTINGS = 9
@@ -99,6 +104,7 @@ class _Walk:
         self._reach_px = 2 * self._reach_um / bench.config.camera.pitch_um
         self._verifying = False
         self._position = self._over
+        self._why_unseen = ""
         self.tip_px = (math.nan, math.nan)
         self.sightings: list[Sighting] = []
 
@@ -114,7 +120,7 @@ class _Walk:
             for k in range(count):
                 angle = 2 * math.pi * (k + radius) / count
                 ring = radius * self._reach_um * np.array([math.cos(angle), math.sin(angle)])
-                await self._visit(offset + ring, required=False)
+                await self._visit(offset + ring)
         if len(self.sightings) < MIN_SIGHTINGS:
             raise ValueError(f"the target was seen from {len(self.sightings)} places only; {MIN_SIGHTINGS} are needed")
         rough = self._fit((0.0, 0.0))
@@ -122,17 +128,27 @@ class _Walk:
         return self._fit(below_px)
 
     async def _approach(self) -> Array:
-        """Find the target, learn the map's linear part by two small steps, and return where the head is over it."""
-        start = await self._visit(np.zeros(2), required=True)
-        along_x = await self._visit(np.array([FIRST_STEP_UM, 0.0]), required=True)
-        along_y = await self._visit(np.array([0.0, FIRST_STEP_UM]), required=True)
-        px_per_um = np.column_stack([along_x - start, along_y - start]) / FIRST_STEP_UM
-        if abs(np.linalg.det(px_per_um)) < 1e-4:
+        """Find the target, learn the map's linear part by small steps, and return where the head is over it."""
+        start, seen = await self._first_seen(np.zeros(2), SEARCH_STEPS)
+        along_x, seen_x = await self._first_seen(start, FIRST_STEPS[0])
+        along_y, seen_y = await self._first_seen(start, FIRST_STEPS[1])
+        steps = np.column_stack([along_x - start, along_y - start])
+        px_per_um = np.column_stack([seen_x - seen, seen_y - seen]) @ np.linalg.inv(steps)
+        if abs(np.linalg.det(px_per_um)) < LEAST_SCALE:
             raise ValueError("the picture hardly moves with the head; check that the camera sees the board")
         # Where the head must go so that the target appears at the tip; it is only the centre of the walk.
-        offset = np.asarray(np.linalg.solve(px_per_um, np.array(self.tip_px) - start), dtype=float)
+        offset = start + np.linalg.solve(px_per_um, np.array(self.tip_px) - seen)
         length = float(np.linalg.norm(offset))
-        return offset * min(1.0, self._reach_um / length)
+        return np.asarray(offset * min(1.0, self._reach_um / length), dtype=float)
+
+    async def _first_seen(self, start: Array, steps: Sequence[tuple[float, float]]) -> tuple[Array, Array]:
+        """Try places beside `start` until tip and target are both seen; return the place and the target's pixel."""
+        for step in steps:
+            place = start + np.array(step)
+            seen = await self._visit(place)
+            if seen is not None:
+                return place, seen
+        raise Fault(Kind.TEST_POINT_NOT_FOUND, f"{self._point.name} was not seen with the tip: {self._why_unseen}")
 
     async def _below_tip(self, rough: PoseMap) -> tuple[float, float]:
         """Measure the oblique view's parallax between working and touching height, beside the target."""
@@ -140,9 +156,9 @@ class _Walk:
         clear = self._clear_side(rough)
         await self._go(self._shifted(*clear))
         level = self._shifted(*clear)
-        at_work = await self._see(required=True)
+        at_work = await self._see()
         await self._go(Position(level.x_um, level.y_um, heights.touch_z_um, level.theta_deg))
-        at_touch = await self._see(required=True)
+        at_touch = await self._see()
         await self._go(level)
         if at_work is None or at_touch is None:
             raise ValueError("the target was lost while lowering the needle")
@@ -157,11 +173,10 @@ class _Walk:
         best = min(self.sightings, key=lambda s: float(np.linalg.norm(np.array(s.target_px) - want_px)))
         return np.array([best.x_um - self._over.x_um, best.y_um - self._over.y_um])
 
-    async def _visit(self, offset_um: Array, *, required: bool) -> Array:
-        """Go to a place beside the target and log where it appears."""
+    async def _visit(self, offset_um: Array) -> Array | None:
+        """Go to a place beside the target and log where it appears; None where needle or background hide it."""
         await self._go(self._shifted(float(offset_um[0]), float(offset_um[1])))
-        seen = await self._see(required=required)
-        return seen if seen is not None else np.full(2, math.nan)
+        return await self._see()
 
     async def _go(self, target: Position) -> None:
         if self._verifying:
@@ -171,20 +186,20 @@ class _Walk:
         self._job.fire(Event.ARRIVED)
         self._verifying = True
 
-    async def _see(self, *, required: bool) -> Array | None:
-        """Take one look; return the target's pixel, logging it with the head's position."""
+    async def _see(self) -> Array | None:
+        """Take one look; return the target's pixel, logging it with the head's position; None if it is not seen."""
         look = await self._look()
         target = look.seen.nearest if look.seen is not None else None
         self._job.note("look", describe(look, target if isinstance(target, TestPoint) else None, None))
-        tip = require_tip(look)
-        if not isinstance(target, TestPoint):
-            if required:
-                refuse_undecided(look.seen) if look.seen else None
-                raise Fault(Kind.TEST_POINT_NOT_FOUND, f"{self._point.name} was not seen", reason=str(target))
+        if not isinstance(look.tip, Tip) or not isinstance(target, TestPoint):
+            missing = look.tip if not isinstance(look.tip, Tip) else target
+            if isinstance(missing, NotFound):
+                self._why_unseen = missing.message
+                refuse_unusable(missing)
             return None
         position = look.position
-        at = self._as_if_unbent(tip, target)
-        if abs(position.z_um - self._bench.config.gantry.work_z_um) < 5.0:
+        at = self._as_if_unbent(look.tip, target)
+        if abs(position.z_um - self._bench.config.gantry.work_z_um) < HEIGHT_WINDOW_UM:
             self.sightings.append(Sighting(at, position.x_um, position.y_um, position.theta_deg))
         return np.array(at)
 

@@ -189,9 +189,12 @@ class BoardSection(Section):
 class ServoSection(Section):
     """When a correction is good, and when it must give up."""
 
-    tolerance_um: Positive = Field(default=12.0, description="on target within this")
+    tolerance_um: Positive = Field(default=15.0, description="on target within this")
     max_moves: int = Field(default=5, ge=1, le=10)
     max_placement_um: Positive = Field(default=700.0, description="largest placement error that can be corrected")
+    scatter_um: Positive = Field(
+        default=40.0, description="3 sigma of two stops' scatter: below it errors grow by chance"
+    )
     match_um: Positive = Field(default=120.0, description="a pad seen and one of CAD's agree within this")
     calibration_days: Positive = Field(default=30.0, description="a map older than this is not used")
     job_timeout_s: Positive = Field(default=60.0, description="deadline of a job that brings none")

@@ -80,7 +80,7 @@ def _sheets(look: Seen) -> Iterator[tuple[str, Pixels]]:
     yield "white", look.white.pixels
     yield "red", look.red.pixels
     if look.tip is not None:
-        yield "tip", draw_tip(look.white.pixels, look.tip)
+        yield "tip", draw_tip(look.white.pixels, look.tip, near_px=look.expected_tip_px)
     if isinstance(look.tip, Tip) and look.seen is not None:
         zoom = 5 if look.seen.window_px[2] <= SMALL_WINDOW_PX else 3
         yield "pads", draw_test_points(look.red.pixels, look.seen, (look.tip.x_px, look.tip.y_px), zoom)

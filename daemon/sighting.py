@@ -13,13 +13,13 @@ from daemon.faults import Fault, Kind
 from daemon.job import Bench, Job
 from daemon.station import Look, Search
 from drivers.gantry import Position
-from vision import NotFound, Seen, TestPoint, Tip
+from vision import NotFound, Reason, Seen, TestPoint, Tip
 from vision.constellation import Match, match_target
 from vision.frames import Array, rotation
 from vision.hiding import needle_hides
 from vision.posemap import Correction, PoseMap
 
-UNUSABLE = frozenset({"too_dark", "saturated", "blurred"})
+UNUSABLE = frozenset({Reason.TOO_DARK, Reason.SATURATED, Reason.BLURRED, Reason.OUT_OF_FRAME})
 
 
 @dataclass(frozen=True)
@@ -58,9 +58,15 @@ def require_tip(look: Look) -> Tip:
     if look.tip is None:
         raise Fault(Kind.NOT_CALIBRATED, "the probe's tip has not been taught")
     if isinstance(look.tip, NotFound):
-        kind = Kind.FRAME_UNUSABLE if str(look.tip.reason) in UNUSABLE else Kind.TIP_NOT_FOUND
-        raise Fault(kind, f"tip not found: {look.tip.message}", reason=str(look.tip.reason))
+        refuse_unusable(look.tip)
+        raise Fault(Kind.TIP_NOT_FOUND, f"tip not found: {look.tip.message}", reason=look.tip.reason.value)
     return look.tip
+
+
+def refuse_unusable(missing: NotFound) -> None:
+    """Raise if it is the picture itself that is no good: no other place helps then."""
+    if missing.reason in UNUSABLE:
+        raise Fault(Kind.FRAME_UNUSABLE, missing.message, reason=missing.reason.value)
 
 
 def choose(look: Look, tip: Tip, point: BoardPoint, pose_map: PoseMap, bench: Bench) -> TestPoint:
@@ -101,11 +107,9 @@ def refuse_undecided(seen: Seen) -> None:
     nearest = seen.nearest
     if isinstance(nearest, TestPoint):
         return
-    reason = str(nearest.reason)
-    if reason == "undecided":
+    refuse_unusable(nearest)
+    if nearest.reason is Reason.UNDECIDED:
         raise Fault(Kind.UNDECIDED, nearest.message, rules=[o.rule for o in seen.undecided][:20])
-    if reason in UNUSABLE or reason == "out_of_frame":
-        raise Fault(Kind.FRAME_UNUSABLE, nearest.message, reason=reason)
 
 
 def lookalikes(point: BoardPoint, position: Position, bench: Bench) -> Array:

@@ -43,6 +43,7 @@ class Look:
     position: Position
     tip: Tip | NotFound | None
     seen: Seen | None
+    expected_tip_px: tuple[float, float] | None
 
 
 @dataclass(frozen=True)
@@ -145,7 +146,7 @@ class Station:
         finally:
             tip_search.cancel()
         seen = await asyncio.to_thread(_search_pads, red, tip, search) if tip else None
-        return Look(white, red, position, tip, seen)
+        return Look(white, red, position, tip, seen, model.tip_px if model is not None else None)
 
     async def picture(self, light: Light, watch: Stopwatch, deadline: Deadline) -> Frame:
         """Take one frame that was exposed wholly after light and head had settled."""

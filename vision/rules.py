@@ -33,6 +33,8 @@ ANGULAR_FILL = 0.87
 # What goes on beyond a circle as wide as this share of its diameter is a stroke of which the circle is only the end;
 # a trace is narrower than its pad, and a touching pad narrows to nothing where they meet.
 STROKE_NECK = 0.86
+# Between this and that it may be either, so it is not taken.
+WIDEST_TRACE = 0.74
 # Of a taken pad, hole aside, at least this share is bright.
 LEAST_FILL = 0.75
 
@@ -165,8 +167,8 @@ def site_filled(seen: SeenObject, wanted: Wanted) -> Verdict:
 
 
 def border(seen: SeenObject, _wanted: Wanted) -> Verdict:
-    """Throw what the window cuts off: whatever it is, its centre is not within reach."""
-    return Verdict.THROW if seen.touches_border and not is_round(seen) else Verdict.PASS
+    """Throw what the window cuts off: the window has room for every pad whose centre is within reach."""
+    return Verdict.THROW if seen.touches_border else Verdict.PASS
 
 
 def elongated(seen: SeenObject, _wanted: Wanted) -> Verdict:
@@ -197,13 +199,13 @@ RULES: tuple[Rule, ...] = (
     small,
     faint,
     thin,
+    border,
     wrong_size,
     stroke_end,
     via_with_hole,
     via_filled,
     site_with_hole,
     site_filled,
-    border,
     elongated,
     angular,
     other_size,
@@ -231,11 +233,12 @@ def is_via(seen: SeenObject) -> bool:
 
 
 def sound(seen: SeenObject, wanted: Wanted) -> bool:
-    """Tell whether an object is round, of a wanted size, bright all over and as bright as metal is here."""
+    """Tell whether an object is round, of a wanted size, no part of a stroke, bright all over and as metal is here."""
     if seen.circle is None or not is_round(seen):
         return False
     sized = any(low <= seen.circle.radius_px <= high for low, high in wanted.radii_px)
-    return sized and seen.fill >= LEAST_FILL and seen.level >= DULL_SHARE * wanted.brightest_level
+    alone = seen.neck <= WIDEST_TRACE
+    return alone and sized and seen.fill >= LEAST_FILL and seen.level >= DULL_SHARE * wanted.brightest_level
 
 
 def _take(agreed: object) -> Verdict:

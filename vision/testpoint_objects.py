@@ -29,8 +29,8 @@ LEAST_LISTED_PX = 9
 LISTED_COVERAGE = 0.45
 # A doubtful circle in a region this many times its own area belongs to that region.
 LARGER_SHARE = 1.6
-# The ring on which is looked for what goes on beyond a circle, in radii, and its rays.
-NECK_RING, NECK_RAYS = 1.45, 72
+# Where is looked for what goes on beyond a circle: on these rings, in radii, along so many rays.
+NECK_RINGS, NECK_RAYS = (1.15, 1.25, 1.35, 1.45), 72
 # A hole is darker than its pad by at least this share of the pad's contrast, and no larger than this share of it.
 HOLE_DEPTH, HOLE_LARGEST = 0.30, 0.72
 
@@ -226,20 +226,20 @@ def _describe_circle(window: Window, circle: CircleFit) -> SeenObject:
 def _neck(window: Window, circle: CircleFit, threshold: float) -> float:
     """Return the width of the widest thing above `threshold` just beyond a circle, over the circle's diameter."""
     angles = np.arange(NECK_RAYS, dtype=np.float64) * (2.0 * np.pi / NECK_RAYS)
-    rho = np.full((NECK_RAYS, 1), NECK_RING * circle.radius_px, dtype=np.float64)
+    rho = np.broadcast_to(np.array(NECK_RINGS) * circle.radius_px, (NECK_RAYS, len(NECK_RINGS)))
     xs, ys = window.view.to_image(circle.x_px, circle.y_px, rho, np.asarray(angles[:, None], dtype=np.float64))
-    bright = sample(window.raw, xs, ys)[:, 0] > threshold
+    bright = np.min(sample(window.raw, xs, ys), axis=1) > threshold
     if window.hidden is not None:
-        rows = np.clip(np.rint(ys[:, 0]).astype(np.intp), 0, window.hidden.shape[0] - 1)
-        columns = np.clip(np.rint(xs[:, 0]).astype(np.intp), 0, window.hidden.shape[1] - 1)
+        rows = np.clip(np.rint(ys[:, -1]).astype(np.intp), 0, window.hidden.shape[0] - 1)
+        columns = np.clip(np.rint(xs[:, -1]).astype(np.intp), 0, window.hidden.shape[1] - 1)
         bright &= ~window.hidden[rows, columns]
     if bright.all():
-        return NECK_RING
+        return NECK_RINGS[-1]
     # Unrolled from a dark ray on, every run is whole.
     unrolled = np.roll(bright, -int(np.argmin(bright)))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], unrolled, [False]]).astype(np.int8)))
     longest = int((edges[1::2] - edges[::2]).max()) if edges.size else 0
-    return float(NECK_RING * np.sin(min(np.pi * longest / NECK_RAYS, np.pi / 2.0)))
+    return float(NECK_RINGS[-1] * np.sin(min(np.pi * longest / NECK_RAYS, np.pi / 2.0)))
 
 
 def _quantile(values: Plane, share: float) -> float:

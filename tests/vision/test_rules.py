@@ -39,6 +39,7 @@ def sized(radius: float, **change: object) -> SeenObject:
         (replace(PAD, circle=replace(CIRCLE, visible=0.3)), ANY, Verdict.PASS, "no_rule"),
         (replace(PAD, fill=0.5), ANY, Verdict.PASS, "no_rule"),
         (replace(PAD, level=90.0), ANY, Verdict.PASS, "no_rule"),
+        (replace(PAD, neck=0.75), ANY, Verdict.PASS, "no_rule"),
     ],
 )
 def test_each_object_is_decided_by_its_rule(seen: SeenObject, wanted: Wanted, verdict: Verdict, rule: str) -> None:

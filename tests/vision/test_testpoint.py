@@ -237,3 +237,21 @@ def test_a_new_rule_decides_without_touching_the_others() -> None:
     seen = find_test_points(frame, AROUND, rules=(nothing_on_mondays, *RULES))
     assert reason_of(seen) is Reason.NO_TEST_POINT
     assert {item.rule for item in seen.thrown} == {"nothing_on_mondays"}
+
+
+def test_a_silkscreen_ring_round_a_pad_does_not_make_it_a_stroke() -> None:
+    def ring(canvas: Canvas, rng: np.random.Generator) -> None:
+        canvas.paint(np.abs(canvas.ellipse(*BELOW, 1.5 * 42.0, 0.87, AXIS_DEG)) - 6.0, 115.0)
+
+    seen = find_test_points(red_frame((Pad(*BELOW, 42.0),), None, Camera(), 3, ring), AROUND, 30, 42.0)
+    assert isinstance(seen.nearest, TestPoint), seen.nearest
+    assert (seen.nearest.x_px, seen.nearest.y_px) == pytest.approx(BELOW, abs=0.1)
+
+
+def test_the_round_end_of_a_silkscreen_stroke_is_no_via() -> None:
+    def stroke(canvas: Canvas, rng: np.random.Generator) -> None:
+        canvas.paint(canvas.bar((AROUND[0] + 25, AROUND[1]), 0.0, 50, 12), 125.0)
+        canvas.paint(canvas.ellipse(*AROUND, 6.0, 1.0, 0.0), 125.0)
+
+    for seed in range(5):
+        assert find_test_points(red_frame((), None, Camera(), seed, stroke), AROUND).taken == ()
