@@ -35,6 +35,8 @@ LEAST_SCALE = 1e-4
 RINGS = ((0.45, 6), (0.95, 10))
 """Places round the target: share of the largest placement error, and how many on that circle."""
 MIN_SIGHTINGS = 9
+MIN_VISIBLE = 0.9
+"""Of the target's contour; what the needle hides makes its centre worth less than a map needs."""
 MAX_RESIDUAL_UM = 15.0
 """Beyond this the map is refused: repeatability and vision together leave about 8 um."""
 
@@ -196,6 +198,9 @@ class _Walk:
             if isinstance(missing, NotFound):
                 self._why_unseen = missing.message
                 refuse_unusable(missing)
+            return None
+        if target.visible < MIN_VISIBLE:
+            self._why_unseen = "the needle hides too much of it"
             return None
         position = look.position
         at = self._as_if_unbent(look.tip, target)

@@ -13,23 +13,26 @@ from daemon.states import Event
 from drivers.gantry import Position
 from vision.posemap import PoseMap
 
+UNCLEAR = frozenset({Kind.UNDECIDED, Kind.AMBIGUOUS, Kind.TEST_POINT_NOT_FOUND, Kind.TIP_NOT_FOUND})
+"""What another point of view may clear up."""
+
 
 async def correct(job: Job, bench: Bench) -> Outcome:
     """Bring the tip onto the test point it missed."""
     request = job.request
     if not isinstance(request, Correct):
         raise TypeError(request)
-    point, pose_map, position = await admit(job, bench, request)
+    point, pose_map, start = await admit(job, bench, request)
     job.fire(Event.ACCEPTED)
-    position = await bench.station.to_work_height(position, job.watch, job.deadline)
-    aim = await look_and_aim(job, bench, position, point, pose_map)
-    before_um = aim.error_um
+    start = await bench.station.to_work_height(start, job.watch, job.deadline)
+    aim = await _first_aim(job, bench, start, point, pose_map)
+    before_um = math.dist(aim.place_um, (start.x_um, start.y_um))
     job.partial.error_before_um = round(before_um, 2)
     tolerance_um = bench.config.servo.tolerance_um
-    if before_um <= tolerance_um:
-        return _outcome("already_on_target", point, before_um, aim)
-    job.fire(Event.SEEN)
-    for moves_left in reversed(range(bench.config.servo.max_moves)):
+    if aim.error_um <= tolerance_um:
+        return _outcome("corrected" if job.moves else "already_on_target", point, before_um, aim)
+    while job.moves < bench.config.servo.max_moves:
+        job.fire(Event.OFF_TARGET if job.moves else Event.SEEN)
         position = await _move(job, bench, aim, pose_map)
         job.fire(Event.ARRIVED)
         last_um, aim = aim.error_um, await look_and_aim(job, bench, position, point, pose_map)
@@ -37,13 +40,41 @@ async def correct(job: Job, bench: Bench) -> Outcome:
         if aim.error_um <= tolerance_um:
             return _outcome("corrected", point, before_um, aim)
         _must_shrink(last_um, aim.error_um, bench.config.servo.scatter_um)
-        if moves_left:
-            job.fire(Event.OFF_TARGET)
     raise Fault(
         Kind.NOT_CONVERGING,
         f"still {aim.error_um:.0f} um off after {job.moves} moves (tolerance {tolerance_um:.0f} um)",
         error_um=round(aim.error_um, 1),
     )
+
+
+async def _first_aim(job: Job, bench: Bench, start: Position, point: BoardPoint, pose_map: PoseMap) -> Aim:
+    """Look; if the scene is not clear from here, step aside once and look again.
+
+    The needle may stand in front of the pad, or before something that hides its own edges. A known step sideways
+    uncovers both; it is a move like any other, checked and bounded. What is unclear from there too is a fault.
+    """
+    try:
+        return await look_and_aim(job, bench, start, point, pose_map)
+    except Fault as unclear:
+        if unclear.kind not in UNCLEAR:
+            raise
+    job.fire(Event.SEEN)
+    aside_um = sidestep_um(bench, point, pose_map, start.theta_deg)
+    position = await _go(job, bench, start, aside_um, pose_map)
+    job.fire(Event.ARRIVED)
+    return await look_and_aim(job, bench, position, point, pose_map)
+
+
+def sidestep_um(bench: Bench, point: BoardPoint, pose_map: PoseMap, theta_deg: float) -> tuple[float, float]:
+    """Return the head's step, robot frame, that shifts the picture across the needle by its width and the pad's."""
+    probe = bench.calibrations.require_probe()
+    scale = pose_map.scale_px_per_um(probe.tip_px)
+    clear_px = probe.shape.cylinder_half_px + point.diameter_um * scale
+    across = (-math.sin(probe.angle_rad) * clear_px, math.cos(probe.angle_rad) * clear_px)
+    below = (probe.tip_px[0] + pose_map.below_tip_px[0], probe.tip_px[1] + pose_map.below_tip_px[1])
+    # The scene moves against the head.
+    dx, dy = -pose_map.from_tip_um((below[0] + across[0], below[1] + across[1]), probe.tip_px, theta_deg)
+    return float(dx), float(dy)
 
 
 async def admit(job: Job, bench: Bench, request: Correct) -> tuple[BoardPoint, PoseMap, Position]:
@@ -67,17 +98,21 @@ async def admit(job: Job, bench: Bench, request: Correct) -> tuple[BoardPoint, P
 
 
 async def _move(job: Job, bench: Bench, aim: Aim, pose_map: PoseMap) -> Position:
-    """Go by what the look found: an absolute target, never further than the map was calibrated for."""
-    way = aim.correction
+    """Go by what the look found."""
+    return await _go(job, bench, aim.look.position, (aim.correction.dx_um, aim.correction.dy_um), pose_map)
+
+
+async def _go(job: Job, bench: Bench, here: Position, way_um: tuple[float, float], pose_map: PoseMap) -> Position:
+    """Move by an absolute target, never further than the map was calibrated for; return where the head is."""
     limit_um = min(pose_map.radius_um, bench.config.servo.max_placement_um)
-    if not way.distance_um <= limit_um:
+    length_um = math.hypot(*way_um)
+    if not length_um <= limit_um:
         raise Fault(
             Kind.CORRECTION_TOO_LARGE,
-            f"the correction would be {way.distance_um:.0f} um; calibrated are {limit_um:.0f} um",
-            correction_um=round(way.distance_um, 1),
+            f"the correction would be {length_um:.0f} um; calibrated are {limit_um:.0f} um",
+            correction_um=round(length_um, 1),
         )
-    here = aim.look.position
-    target = Position(here.x_um + way.dx_um, here.y_um + way.dy_um, bench.config.gantry.work_z_um, here.theta_deg)
+    target = Position(here.x_um + way_um[0], here.y_um + way_um[1], bench.config.gantry.work_z_um, here.theta_deg)
     bench.station.check(target)
     await bench.station.prepare_white(job.watch, job.deadline)
     job.moves += 1

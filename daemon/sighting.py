@@ -36,6 +36,12 @@ class Aim:
         """Distance between tip and target."""
         return self.correction.distance_um
 
+    @property
+    def place_um(self) -> tuple[float, float]:
+        """Where the head has to be so that the tip is on the target, robot frame."""
+        here = self.look.position
+        return here.x_um + self.correction.dx_um, here.y_um + self.correction.dy_um
+
 
 async def look_and_aim(job: Job, bench: Bench, position: Position, point: BoardPoint, pose_map: PoseMap) -> Aim:
     """Take one look from `position` and find the way to `point`; a `Fault` says what could not be seen."""

@@ -26,6 +26,7 @@ from vision.frames import Array, rotation
 FORMAT = "reprobe-posemap-1"
 MAX_CONDITION = 1e4
 MIN_PAIRS = 6
+OUTLIER_FACTOR, OUTLIER_FLOOR_UM, LEAST_GOOD_SHARE = 4.0, 25.0, 0.8
 
 
 @dataclass(frozen=True)
@@ -138,29 +139,39 @@ class PoseMap:
         return cls.from_json(path.read_text())
 
 
-def fit_pose_map(sightings: Sequence[Sighting], *, tip_px: tuple[float, float], below_tip_px: tuple[float, float],
-                 work_z_um: float) -> PoseMap:  # fmt: skip
+def fit_pose_map(
+    sightings: Sequence[Sighting],
+    *,
+    tip_px: tuple[float, float],
+    below_tip_px: tuple[float, float],
+    work_z_um: float,
+) -> PoseMap:
     """Fit the map to sightings of one resting target from several head positions.
 
     In the head frame the target moves against the head: `u = R(-theta) (M - P)`. M is unknown and only shifts the
-    origin, which is free. Raises ValueError if there are too few sightings, if they lie on a line, or if the fit is
-    ill-conditioned or not finite.
+    origin, which is free. Sightings far off the rest are left out, at most a fifth of them. Raises ValueError if there
+    are too few sightings, if they lie on a line, or if the fit is ill-conditioned or not finite.
     """
-    px = np.array([s.target_px for s in sightings], dtype=float)
+    px = np.array([s.target_px for s in sightings], dtype=float).reshape(-1, 2)
     if len(px) < MIN_PAIRS:
         raise ValueError(f"{len(px)} sightings; the map needs at least {MIN_PAIRS}")
     mean = np.array([[s.x_um, s.y_um] for s in sightings]).mean(axis=0)
     um = np.array([rotation(-s.theta_deg) @ (mean - (s.x_um, s.y_um)) for s in sightings])
     if not (np.isfinite(px).all() and np.isfinite(um).all()):
         raise ValueError("a sighting is not finite")
-    homography, rms = _fit_homography(px, um)
+    homography, residual = _fit_homography(px, um)
+    good = residual <= max(OUTLIER_FACTOR * float(np.median(residual)), OUTLIER_FLOOR_UM)
+    if not good.all() and good.mean() >= LEAST_GOOD_SHARE and good.sum() >= MIN_PAIRS:
+        px = px[good]
+        homography, residual = _fit_homography(px, um[good])
+    rms = float(np.sqrt((residual**2).mean()))
     pose_map = PoseMap(homography, below_tip_px, 1.0, rms, work_z_um)
     reach = np.linalg.norm(pose_map.to_head_um(px) - pose_map.to_head_um(np.add(tip_px, below_tip_px)), axis=1)
     return PoseMap(homography, below_tip_px, float(reach.max()), rms, work_z_um)
 
 
-def _fit_homography(px: Array, um: Array) -> tuple[Array, float]:
-    """Return the homography px -> um and the rms residual in um (DLT on normalised points, then least squares)."""
+def _fit_homography(px: Array, um: Array) -> tuple[Array, Array]:
+    """Return the homography px -> um and the residuals (N,) in um; robust, on normalised points."""
     n_px, n_um = _normaliser(px), _normaliser(um)
     a, b = _apply(n_px, px), _apply(n_um, um)
     singular = np.linalg.svd(a - a.mean(axis=0), compute_uv=False)
@@ -176,8 +187,7 @@ def _fit_homography(px: Array, um: Array) -> tuple[Array, float]:
     if fit.status <= 0 or np.linalg.cond(np.asarray(fit.jac, dtype=float)) > MAX_CONDITION:
         raise ValueError("the fit is ill-conditioned; spread the sightings wider")
     h = np.linalg.inv(n_um) @ np.r_[fit.x, 1.0].reshape(3, 3) @ n_px
-    residual = np.linalg.norm(_apply(h, px) - um, axis=1)
-    return h / h[2, 2], float(np.sqrt((residual**2).mean()))
+    return h / h[2, 2], np.asarray(np.linalg.norm(_apply(h, px) - um, axis=1), dtype=float)
 
 
 def _normaliser(points: Array) -> Array:

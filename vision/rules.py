@@ -26,8 +26,10 @@ EXPECTED_SHARE, EXPECTED_SLACK_PX = 0.12, 1.0
 FAINT_CONTRAST = 35.0
 # A contour is a circle if edges lie on this share of what is visible of it, and enough of it is visible.
 ROUND_COVERAGE, LEAST_VISIBLE = 0.70, 0.40
-# Metal much duller than the brightest round thing beside it may be silkscreen: not taken, not thrown.
-DULL_SHARE = 0.55
+# Metal much duller than the brightest round thing beside it may be silkscreen: not taken, not thrown. A circle of which
+# part is hidden must stand out as the brightest does: a stroke of silkscreen cut off by the needle looks like one.
+DULL_SHARE, DULL_CONTRAST_SHARE = 0.55, 0.75
+WHOLE_VISIBLE = 0.9
 # A disc fills 0.785 of the smallest rectangle round it; what fills more than this is one.
 ANGULAR_FILL = 0.87
 # What goes on beyond a circle as wide as this share of its diameter is a stroke of which the circle is only the end;
@@ -90,6 +92,7 @@ class Wanted:
 
     expected_radius_px: float | None
     brightest_level: float
+    brightest_contrast: float = 0.0
 
     @property
     def radii_px(self) -> tuple[tuple[float, float], ...]:
@@ -238,7 +241,14 @@ def sound(seen: SeenObject, wanted: Wanted) -> bool:
         return False
     sized = any(low <= seen.circle.radius_px <= high for low, high in wanted.radii_px)
     alone = seen.neck <= WIDEST_TRACE
-    return alone and sized and seen.fill >= LEAST_FILL and seen.level >= DULL_SHARE * wanted.brightest_level
+    return alone and sized and seen.fill >= LEAST_FILL and not _dull(seen, seen.circle, wanted)
+
+
+def _dull(seen: SeenObject, circle: CircleFit, wanted: Wanted) -> bool:
+    """Tell whether an object is too dull for the metal of this picture; a partly hidden one must be as bright."""
+    if circle.visible < WHOLE_VISIBLE:
+        return seen.contrast < DULL_CONTRAST_SHARE * wanted.brightest_contrast
+    return seen.level < DULL_SHARE * wanted.brightest_level
 
 
 def _take(agreed: object) -> Verdict:

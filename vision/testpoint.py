@@ -122,7 +122,8 @@ def _look(
 ) -> Seen:
     window = open_window(plane, (area[0], area[1]), around, view, _outline(needle))
     circles = round_objects(window, Wanted(radius, 0.0))
-    wanted = Wanted(radius, max((seen.level for seen in circles), default=0.0))
+    brightest = max(circles, key=lambda seen: seen.level, default=None)
+    wanted = Wanted(radius, brightest.level, brightest.contrast) if brightest else Wanted(radius, 0.0)
     decided = [decide(seen, wanted, rules) for seen in circles]
     rest = other_objects(window, [item.object for item in decided if item.verdict is not Verdict.PASS])
     decided += [decide(seen, wanted, rules) for seen in rest if not _inside(seen.x_px, seen.y_px, decided)]
