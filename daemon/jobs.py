@@ -175,8 +175,9 @@ class Jobs:
             latched = self._latched_by(ticket, fault)
             raise
         finally:
-            await self._darken(job)
-            self._end(end, latched)
+            # The job's own trouble came first; that the lights then failed too is usually its consequence.
+            lights = await self._darken(job)
+            self._end(end, latched or lights)
 
     @staticmethod
     def _latched_by(ticket: _Ticket, fault: Fault) -> Fault | None:
@@ -240,15 +241,16 @@ class Jobs:
         elif self._machine.state is State.FAULT and self.fault is None:
             self._machine.fire(Event.CLEARED)
 
-    async def _darken(self, job: Job) -> None:
-        """Switch the lights off; that this fails is told, but never hides how the job ended."""
+    async def _darken(self, job: Job) -> Fault | None:
+        """Switch the lights off; return what kept them on, which never hides how the job ended."""
         if self.bench is None or self._machine.state not in BUSY:
-            return
+            return None
         try:
             await asyncio.shield(self.bench.station.dark(job.watch, Deadline.after(DARK_WITHIN_S)))
         except Exception as exc:  # noqa: BLE001  # the job's own end matters more; the light's trouble latches a fault
             log.error("lights_not_off", error=str(exc))
-            self.fault = self.fault or as_fault(exc)
+            return as_fault(exc)
+        return None
 
     # --- telling ---------------------------------------------------------------------------------------------
 

@@ -13,13 +13,19 @@ from daemon.faults import Fault, Kind
 from daemon.job import Bench, Job
 from daemon.station import Look, Search
 from drivers.gantry import Position
-from vision import NotFound, Reason, Seen, TestPoint, Tip
+from vision import NotFound, Reason, TestPoint, Tip
 from vision.constellation import Match, match_target
 from vision.frames import Array, rotation
 from vision.hiding import needle_hides
 from vision.posemap import Correction, PoseMap
 
 UNUSABLE = frozenset({Reason.TOO_DARK, Reason.SATURATED, Reason.BLURRED, Reason.OUT_OF_FRAME})
+NO_MATCH = {
+    "none_near": Kind.TEST_POINT_NOT_FOUND,
+    "undecided": Kind.UNDECIDED,
+    "ambiguous": Kind.AMBIGUOUS,
+    "contradicted": Kind.AMBIGUOUS,
+}
 
 
 @dataclass(frozen=True)
@@ -80,42 +86,37 @@ def choose(look: Look, tip: Tip, point: BoardPoint, pose_map: PoseMap, bench: Be
     seen = look.seen
     if seen is None:
         raise Fault(Kind.TEST_POINT_NOT_FOUND, "the red picture was not searched")
-    refuse_undecided(seen)
-    servo = bench.config.servo
-    theta = look.position.theta_deg
-    tip_px = (tip.x_px, tip.y_px)
-    pads = (
-        pose_map.from_tip_um([(p.x_px, p.y_px) for p in seen.taken], tip_px, theta) if seen.taken else np.empty((0, 2))
-    )
-    cad = lookalikes(point, look.position, bench)
+    if isinstance(seen.nearest, NotFound):
+        refuse_unusable(seen.nearest)
+    servo, theta, tip_px = bench.config.servo, look.position.theta_deg, (tip.x_px, tip.y_px)
 
-    def hidden(places_um: Array) -> Sequence[bool]:
-        radius_um = point.diameter_um / 2
-        return needle_hides(tip, pose_map.to_px(places_um, tip_px, theta), radius_um * pose_map.scale_px_per_um(tip_px))
+    def places_um(pixels: list[tuple[float, float]]) -> Array:
+        return pose_map.from_tip_um(pixels, tip_px, theta) if pixels else np.empty((0, 2))
 
+    def hidden(places: Array) -> Sequence[bool]:
+        radius_px = point.diameter_um / 2 * pose_map.scale_px_per_um(tip_px)
+        return needle_hides(tip, pose_map.to_px(places, tip_px, theta), radius_px)
+
+    pads = places_um([(p.x_px, p.y_px) for p in seen.taken])
+    doubtful = places_um([(o.object.x_px, o.object.y_px) for o in seen.undecided])
     match = match_target(
-        pads, cad, max_shift_um=servo.max_placement_um, tolerance_um=servo.match_um,
-        reach_um=servo.max_placement_um, hidden=hidden,
-    )  # fmt: skip
+        pads,
+        lookalikes(point, look.position, bench),
+        max_shift_um=servo.max_placement_um,
+        tolerance_um=servo.match_um,
+        reach_um=servo.max_placement_um,
+        doubtful_um=doubtful,
+        hidden=hidden,
+    )
     if isinstance(match, Match):
         return seen.taken[match.index]
-    names = {"ambiguous": Kind.AMBIGUOUS, "contradicted": Kind.AMBIGUOUS}
+    objects = np.vstack([pads, doubtful])
     raise Fault(
-        names.get(match.reason, Kind.TEST_POINT_NOT_FOUND),
-        f"{point.name}: {match.reason}, {len(seen.taken)} pads of its size seen",
-        candidates_um=[[round(float(v), 1) for v in pads[i]] for i in match.candidates],
+        NO_MATCH[match.reason],
+        f"{point.name}: {match.reason}; {len(pads)} pads of its size and {len(doubtful)} doubtful objects are in view",
+        candidates_um=[[round(float(v), 1) for v in objects[i]] for i in match.candidates],
         thrown=[t.rule for t in seen.thrown][:20],
     )
-
-
-def refuse_undecided(seen: Seen) -> None:
-    """Raise if an object near the tip could not be decided, or the picture could not be used at all."""
-    nearest = seen.nearest
-    if isinstance(nearest, TestPoint):
-        return
-    refuse_unusable(nearest)
-    if nearest.reason is Reason.UNDECIDED:
-        raise Fault(Kind.UNDECIDED, nearest.message, rules=[o.rule for o in seen.undecided][:20])
 
 
 def lookalikes(point: BoardPoint, position: Position, bench: Bench) -> Array:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from vision.frames import Array
 
@@ -60,6 +60,7 @@ def match_target(
     max_shift_um: float,
     tolerance_um: float,
     reach_um: float,
+    doubtful_um: ArrayLike = (),
     hidden: Callable[[Array], Sequence[bool]] = lambda places: [False] * len(places),
 ) -> Match | NoMatch:
     """Choose the seen pad that is CAD's target.
@@ -68,15 +69,20 @@ def match_target(
     the round targets of that size nearby; row 0 is the target itself. Both robot frame, um. Taking the pad j for the
     target means a shift of all. Against it speaks each pad seen where CAD has none, and each CAD pad that should then
     lie within `reach_um` and is not seen, unless `hidden(places)` says that something stands in front of it.
-    The tenable shift with the fewest strays wins if it is alone; else the answer is `ambiguous`, `contradicted` when
-    no shift is tenable, or `none_near` when none is within `max_shift_um`.
+    `doubtful_um` (K, 2) are objects of which nobody could say whether they are pads: each may be the target or another
+    pad, but need not be one.
+    The tenable shift with the fewest strays wins if it is alone; else the answer is `ambiguous`, `undecided` when the
+    winner is doubtful itself, `contradicted` when no shift is tenable, or `none_near` when none is within
+    `max_shift_um`. `candidates` count the doubtful after the seen.
     """
     seen = np.asarray(seen_um, dtype=float).reshape(-1, 2)
     cad = np.asarray(cad_um, dtype=float).reshape(-1, 2)
-    every = (_judge(j, seen, cad, tolerance_um, reach_um, hidden) for j in range(len(seen)))
+    objects = np.vstack([seen, np.asarray(doubtful_um, dtype=float).reshape(-1, 2)])
+    certain = np.arange(len(objects)) < len(seen)
+    every = (_judge(j, objects, certain, cad, tolerance_um, reach_um, hidden) for j in range(len(objects)))
     near = [h for h in every if np.linalg.norm(h.shift) <= max_shift_um]
     if not near:
-        return NoMatch("none_near", tuple(range(len(seen))))
+        return NoMatch("none_near", tuple(range(len(objects))))
     tenable = [h for h in near if h.tenable]
     if not tenable:
         return NoMatch("contradicted", tuple(h.seen for h in near))
@@ -84,22 +90,31 @@ def match_target(
     ties = [h for h in tenable if h.unexplained == best.unexplained]
     if len(ties) > 1:
         return NoMatch("ambiguous", tuple(h.seen for h in ties))
+    if not certain[best.seen]:
+        return NoMatch("undecided", (best.seen,))
     return Match(best.seen, (float(best.shift[0]), float(best.shift[1])), best.agreeing)
 
 
 def _judge(
-    j: int, seen: Array, cad: Array, tolerance_um: float, reach_um: float, hidden: Callable[[Array], Sequence[bool]]
+    j: int,
+    objects: Array,
+    certain: NDArray[np.bool_],
+    cad: Array,
+    tolerance_um: float,
+    reach_um: float,
+    hidden: Callable[[Array], Sequence[bool]],
 ) -> _Hypothesis:
-    """Count what speaks for and against `seen[j]` being the target."""
-    shift = seen[j] - cad[0]
+    """Count what speaks for and against `objects[j]` being the target."""
+    shift = objects[j] - cad[0]
     expected = cad + shift
-    agrees = np.linalg.norm(seen[:, None] - expected[None, :], axis=2) <= tolerance_um
+    agrees = np.linalg.norm(objects[:, None] - expected[None, :], axis=2) <= tolerance_um
+    explained = agrees.any(axis=1)
     wanted = (np.linalg.norm(expected, axis=1) <= reach_um) & ~agrees.any(axis=0)
     missing = expected[wanted]
     return _Hypothesis(
         seen=j,
         shift=shift,
-        agreeing=int(agrees.any(axis=1).sum()),
-        unexplained=int((~agrees.any(axis=1)).sum()),
+        agreeing=int(explained.sum()),
+        unexplained=int((certain & ~explained).sum()),
         missing=int((~np.asarray(hidden(missing), dtype=bool)).sum()) if len(missing) else 0,
     )

@@ -29,6 +29,7 @@ ROUND_COVERAGE, LEAST_VISIBLE = 0.70, 0.40
 # Metal much duller than the brightest round thing beside it may be silkscreen: not taken, not thrown. A circle of which
 # part is hidden must stand out as the brightest does: a stroke of silkscreen cut off by the needle looks like one.
 DULL_SHARE, DULL_CONTRAST_SHARE = 0.55, 0.75
+DULL_STROKE_SHARE = 0.8
 WHOLE_VISIBLE = 0.9
 # A disc fills 0.785 of the smallest rectangle round it; what fills more than this is one.
 ANGULAR_FILL = 0.87
@@ -144,9 +145,15 @@ def wrong_size(seen: SeenObject, wanted: Wanted) -> Verdict:
     return Verdict.THROW if radius < 0.7 * VIA_RADIUS_PX[0] else Verdict.PASS
 
 
-def stroke_end(seen: SeenObject, _wanted: Wanted) -> Verdict:
-    """Throw the round ends of strokes of silkscreen: they look like a filled via that goes on at its full width."""
-    return Verdict.THROW if seen.circle is not None and seen.neck >= STROKE_NECK else Verdict.PASS
+def stroke_end(seen: SeenObject, wanted: Wanted) -> Verdict:
+    """Throw the round ends of strokes of silkscreen: they look like a filled via that goes on at its full width.
+
+    A neck nearly as wide belongs to a stroke too when the whole is duller than the metal beside it.
+    """
+    if seen.circle is None:
+        return Verdict.PASS
+    dull = seen.contrast < DULL_STROKE_SHARE * wanted.brightest_contrast
+    return Verdict.THROW if seen.neck >= (WIDEST_TRACE if dull else STROKE_NECK) else Verdict.PASS
 
 
 def via_with_hole(seen: SeenObject, wanted: Wanted) -> Verdict:

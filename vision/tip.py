@@ -44,6 +44,8 @@ from vision.tip_strip import (
 )
 from vision.tip_teach import marking_levels
 
+# A lit board or base plate is brighter than this; the needle may be missing, so it is not asked.
+DARK_LEVEL = 12.0
 LEAST_SCORE = 0.45
 # Share of the calipers that must find the taught silhouette.
 LEAST_VOTE, LEAST_SUPPORT = 0.35, 0.4
@@ -115,7 +117,7 @@ def find_tip(white_bgr: Any, model: ProbeModel) -> Tip | NotFound:
         )
     part: Bgr = image[y : y + height, x : x + width]
     plane = gray(part)
-    problem = check_exposure(plane, dark_level=60.0, dark_percentile=98.0, clipped_share=0.25)
+    problem = check_exposure(plane, dark_level=DARK_LEVEL, dark_percentile=50.0, clipped_share=0.25)
     if problem is not None:
         return problem
     match = search(plane, model, (x, y))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Annotated, Any, NoReturn
@@ -12,7 +13,9 @@ from rich.console import Console
 
 from daemon.client import DEFAULT_CONTROL, NoAnswer, Refused
 
-out = Console()
+WIDE = 130
+"""Columns of tables that are written to a file or a pipe."""
+out = Console(width=None if sys.stdout.isatty() else WIDE)
 err = Console(stderr=True)
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for machines.")]

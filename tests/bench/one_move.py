@@ -13,6 +13,7 @@ from typing import Literal
 from daemon.config import load_config
 from daemon.demo.processes import Process
 from daemon.demo.settings import Places, write_settings
+from daemon.logs import set_up
 from drivers.bus import ModbusBus, SerialLine
 from drivers.deadline import Deadline
 from drivers.l4118 import Axis, AxisConfig, HomingConfig
@@ -25,11 +26,11 @@ One absolute move of the X axis (slave 1) by +1 mm, as it passes the line of the
 `python -m tests.bench.one_move`, so it can be made again after a change. `>` is the daemon, `<` the drive. The last two
 bytes of each frame are the CRC, low byte first.
 
-The process image is what the driver read from, or wrote into, 3502h and 3602h at start: from register 6000 (1770h) on,
-daemon to drive, 6040h controlword, two bytes of padding, 607Ah target, 6081h speed; from register 5000 (1388h) on, drive
-to daemon, 6041h statusword, padding, 6061h mode, 6064h position, 60FDh inputs. High byte and high word come first. The
-drive has no homing bit outside of homing mode, so the move begins with the marker kept in 2400h:20h. 1 mm is 655 360
-increments; the speed is in the drive's rpm.
+The process image is what the driver read from, or wrote into, 3502h and 3602h at start. From register 6000 (1770h) on,
+daemon to drive: 6040h controlword, two bytes of padding, 607Ah target, 6081h speed. From register 5000 (1388h) on,
+drive to daemon: 6041h statusword, padding, 6061h mode, 6064h position, 60FDh inputs. High byte and high word come
+first. The drive has no homing bit outside of homing mode, so the move begins with the marker kept in 2400h:20h. 1 mm is
+655 360 increments; the speed is in the drive's rpm.
 
 """
 OBJECTS = {
@@ -119,7 +120,8 @@ async def capture(line: str, settings: Path) -> list[tuple[Direction, bytes]]:
 
 
 def main() -> None:
-    """Print the page."""
+    """Print the page; logging goes to the other stream."""
+    set_up(as_json=False)
     with tempfile.TemporaryDirectory() as folder:
         places = Places(Path(folder), Path(folder))
         settings = write_settings(places)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from daemon.demo.session import Session
 from daemon.demo.settings import Places, write_settings
 
 ROOT = Path(__file__).parents[2]
+EVENTUALLY_S = 20.0
 DEMO_BOARD = ROOT / "sim_hw" / "demo_board"
 
 
@@ -48,6 +50,13 @@ class Rig:
         arguments = ["daemon.cli", "run", "--config", str(self.places.out / "station.toml"), "--json"]
         self.daemon = Process("daemon", arguments, self.places.out / "daemon.log", ready_line=False)
         wait(self.daemon, self.control)
+
+    def until(self, holds: Callable[[dict[str, Any]], bool], complaint: str) -> None:
+        """Wait until something is true of the simulated station."""
+        give_up_s = time.monotonic() + EVENTUALLY_S
+        while not holds(self.truth()):
+            assert time.monotonic() < give_up_s, complaint
+            time.sleep(0.01)
 
     def truth(self) -> dict[str, Any]:
         return self.bench.ask("truth")

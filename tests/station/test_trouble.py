@@ -10,9 +10,7 @@ from collections.abc import Iterator
 import pytest
 
 from daemon.client import Client, Refused
-from tests.station.rig import Rig
-
-EVENTUALLY_S = 20.0
+from tests.station.rig import EVENTUALLY_S, Rig
 
 
 @pytest.fixture(autouse=True)
@@ -47,10 +45,10 @@ def _error(client: Client, test_point: str = "TP4") -> str:
     ("fault", "parameters", "name"),
     [
         ("silent", {}, "camera_failed"),
-        ("black", {}, "frame_unusable"),
+        ("black", {}, "camera_failed"),
         ("dead_lamp", {"lamp": "white"}, "frame_unusable"),
         ("dead_lamp", {"lamp": "red"}, "frame_unusable"),
-        ("relay_stuck", {}, "light_failed"),
+        ("relay_stuck", {}, "frame_unusable"),
         ("missing", {}, "tip_not_found"),
     ],
 )
@@ -66,7 +64,7 @@ def test_seeing_trouble_is_named_and_nothing_moves(
 
 def test_a_recognition_fault_clears_itself(rig: Rig, client: Client) -> None:
     client.job("place", test_point="TP4", theta_deg=10.0)
-    with rig.fault("black"):
+    with rig.fault("dead_lamp", lamp="white"):
         _error(client)
     assert client.request("status")["state"] == "idle"
     assert client.job("correct", test_point="TP4").ok
@@ -110,9 +108,7 @@ def test_cancel_in_the_middle_of_a_move_stops_it(rig: Rig, client: Client) -> No
 
     thread = threading.Thread(target=travel)
     thread.start()
-    give_up_s = time.monotonic() + EVENTUALLY_S
-    while not rig.truth()["moving"]:
-        assert time.monotonic() < give_up_s
+    rig.until(lambda truth: truth["moving"], "it never moved")
     client.request("cancel", id="far")
     thread.join(EVENTUALLY_S)
     assert done == ["cancelled"]

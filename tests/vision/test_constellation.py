@@ -60,6 +60,21 @@ def test_a_stray_object_is_outweighed_by_two_that_agree_and_not_by_one() -> None
     assert isinstance(match_target([(50.0, 0.0), stray], [(0.0, 0.0)], **LIMITS), NoMatch)
 
 
+def test_a_doubtful_object_is_dismissed_when_the_pads_seen_speak_against_it() -> None:
+    """With the one pad of the neighbourhood seen, something else near the tip cannot be it too."""
+    match = match_target([(300.0, 0.0)], [(0.0, 0.0)], **LIMITS, doubtful_um=[(-100.0, 50.0)])
+    assert isinstance(match, Match)
+    assert match.index == 0
+
+
+def test_a_doubtful_object_that_may_be_the_target_is_never_taken() -> None:
+    answer = match_target([], [(0.0, 0.0)], **LIMITS, doubtful_um=[(-100.0, 50.0)])
+    assert answer == NoMatch("undecided", (0,))
+    pair = [(0.0, 0.0), (450.0, 0.0)]
+    answer = match_target([(500.0, 0.0)], pair, **LIMITS, doubtful_um=[(50.0, 0.0)])
+    assert answer == NoMatch("ambiguous", (0, 1)), "the pad seen may be the neighbour, and its partner the one in doubt"
+
+
 place = st.tuples(st.floats(-2000, 2000), st.floats(-2000, 2000))
 
 
