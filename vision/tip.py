@@ -17,7 +17,7 @@ from vision.caliper import Line, derivative
 from vision.image import Bgr, Gray, Plane, check_bgr, check_exposure, despike, gray, highlight
 from vision.notfound import NotFound, Reason
 from vision.probe_model import ProbeModel
-from vision.tip_checks import consistency, metal_beyond, side_shares
+from vision.tip_checks import consistency, metal_beyond, side_shares, turned_taper
 from vision.tip_search import Match, region, search
 from vision.tip_strip import (
     CALIPER_STEP_PX,
@@ -51,6 +51,8 @@ LEAST_SCORE = 0.45
 LEAST_VOTE, LEAST_SUPPORT = 0.35, 0.4
 # The same for each edge of the cylinder and of the taper by itself.
 LEAST_SIDE_SUPPORT = 0.25
+# A taper that shows both edges on this share of its length elsewhere than straight ahead is bent.
+LEAST_SHOWN_ELSEWHERE = 0.5
 # Share of the cylinder's length along which it may be as bright beyond its edge as within.
 MOST_METAL_BEYOND = 0.8
 # How far things may differ from what was taught before the needle counts as another or as damaged.
@@ -233,11 +235,12 @@ def _fine(strip: Strip, model: ProbeModel, match: Match) -> Tip | NotFound:
     if beyond > MOST_METAL_BEYOND:
         return _wrong(strip, f"the metal goes on beyond the taught edge along {100 * beyond:.0f} % of the cylinder")
     if min(shares[1]) < LEAST_SIDE_SUPPORT:
-        return NotFound(
-            Reason.BENT,
-            f"the taper is not where the cylinder points: its two edges show on only {_percent(shares[1])} of their "
-            "length. Replace the needle if it is bent; if the background is busy here, look from another place",
-        )
+        turn, shown, straight = turned_taper(strip, slope, axis, shape)
+        if shown >= LEAST_SHOWN_ELSEWHERE and shown > straight + 0.2:
+            return NotFound(
+                Reason.BENT,
+                f"the taper is not where the cylinder points: it is turned by {turn:+.1f} degrees: replace the needle",
+            )
     bend, moved = consistency(points, axis, rim2, shape)
     problem = _check(axis, rim1_u, rim2, contrast, bend, moved, shape)
     if problem is not None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vision.caliper import Floats
 from vision.image import Plane
 from vision.tip_strip import Axis, EdgePoints, NeedleShape, Rim, Strip, caliper_rows, fit_axis
 
@@ -12,6 +14,9 @@ from vision.tip_strip import Axis, EdgePoints, NeedleShape, Rim, Strip, caliper_
 ON_SILHOUETTE_PX = 0.8
 # Edge points a side of taper or cylinder needs before its own width means something.
 LEAST_SIDE_POINTS = 8
+# Turns of the taper that are tried, and up to which it counts as straight.
+TURNS_DEG = tuple(float(d) for d in np.arange(-10.0, 10.1, 0.5))
+STRAIGHT_DEG = 1.5
 
 
 def side_shares(points: EdgePoints, axis: Axis, shape: NeedleShape) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -32,21 +37,58 @@ def side_shares(points: EdgePoints, axis: Axis, shape: NeedleShape) -> tuple[tup
 
 
 def metal_beyond(strip: Strip, axis: Axis, shape: NeedleShape) -> float:
-    """Return along how much (0..1) of the cylinder it is as bright outside as the metal is, on the worse side.
+    """Return along how much (0..1) of the needle it is as bright outside as the metal is, on the worse side.
 
-    Pads behind do that here and there; a thicker needle whose highlight was taken for an edge does it all along.
+    A thicker needle whose highlight was taken for an edge does that all along, beside its cylinder and beside the thick
+    half of its taper. A pad or lettering behind it may do so beside one of them.
     """
-    _, u = caliper_rows(shape)
-    rows = np.rint(u).astype(np.intp) - strip.u_from_px
-    rows, u = rows[rows >= 0], u[rows >= 0]
-    half = shape.cylinder_half_px + axis.cylinder_wider_px
+    taper, cylinder = caliper_rows(shape)
+    thick_half = taper[taper < -0.5 * shape.end_to_rim_px]
+    return max(
+        min(
+            _bright_beside(strip, axis, shape.cylinder_half_px + axis.cylinder_wider_px, cylinder, side),
+            _bright_beside(strip, axis, shape.half_width(thick_half) + axis.taper_wider_px, thick_half, side),
+        )
+        for side in (-1.0, 1.0)
+    )
 
-    def levels(v_off_axis: float) -> Plane:
-        columns = np.rint(axis.a_px + axis.b * u + v_off_axis).astype(np.intp) + strip.reach_px
-        return strip.pixels[rows, np.clip(columns, 0, strip.pixels.shape[1] - 1)]
+
+def _bright_beside(strip: Strip, axis: Axis, half_px: Floats | float, u_px: Floats, side: float) -> float:
+    """Return along how many of the rows `u_px` it is as bright just outside the silhouette as just inside."""
+    rows = np.rint(u_px).astype(np.intp) - strip.u_from_px
+    keep = (rows >= 0) & (rows < strip.pixels.shape[0])
+    half = np.broadcast_to(np.asarray(half_px, dtype=np.float64), u_px.shape)
+
+    def levels(off_axis: Floats) -> Plane:
+        columns = np.rint(axis.a_px + axis.b * u_px + off_axis).astype(np.intp) + strip.reach_px
+        columns = np.clip(columns, 0, strip.pixels.shape[1] - 1)
+        return np.asarray(strip.pixels[rows[keep], columns[keep]], dtype=np.float32)
 
     metal = min(float(np.median(levels(half - 3.0))), float(np.median(levels(3.0 - half))))
-    return max(float(np.mean(levels(side * (half + 4.0)) > 0.75 * metal)) for side in (-1.0, 1.0))
+    return float(np.mean(levels(side * (half + 4.0)) > 0.75 * metal))
+
+
+def turned_taper(strip: Strip, slope: Plane, axis: Axis, shape: NeedleShape) -> tuple[float, float, float]:
+    """Return (degrees, shown there, shown straight): the turn about the marking at which the taper's edges show best.
+
+    shown: share (0..1) of rows with an edge on both sides of the taper at once. A bent needle shows its edges away from
+    where its cylinder points; a busy background hides them without showing such a pair elsewhere.
+    """
+    u, _ = caliper_rows(shape)
+    rows = np.rint(u).astype(np.intp) - strip.u_from_px
+    strength = np.abs(slope[rows])
+    peaks = (strength >= cv2.dilate(strength, np.ones((1, 5), dtype=np.uint8))) & (strength > strip.edge_level)
+    shown = cv2.dilate(peaks.astype(np.uint8), np.ones((1, 3), dtype=np.uint8)) > 0
+    index, last = np.arange(u.size), shown.shape[1] - 1
+    scores: dict[float, float] = {}
+    for degrees in TURNS_DEG:
+        middle = axis.a_px + axis.b * u + np.tan(np.radians(degrees)) * (u + shape.end_to_rim_px)
+        sides = [np.rint(middle + side * shape.half_width(u)).astype(np.intp) + strip.reach_px for side in (-1.0, 1.0)]
+        both = shown[index, np.clip(sides[0], 0, last)] & shown[index, np.clip(sides[1], 0, last)]
+        scores[degrees] = float(np.mean(both))
+    straight = max(score for degrees, score in scores.items() if abs(degrees) <= STRAIGHT_DEG)
+    best = max((d for d in scores if abs(d) > STRAIGHT_DEG), key=lambda d: scores[d])
+    return best, scores[best], straight
 
 
 def consistency(points: EdgePoints, axis: Axis, rim2: Rim, shape: NeedleShape) -> tuple[float, float]:
