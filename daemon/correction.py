@@ -13,8 +13,9 @@ from daemon.states import Event
 from drivers.gantry import Position
 from vision.posemap import PoseMap
 
-UNCLEAR = frozenset({Kind.UNDECIDED, Kind.AMBIGUOUS, Kind.TEST_POINT_NOT_FOUND, Kind.TIP_NOT_FOUND})
-"""What another point of view may clear up."""
+UNCLEAR = frozenset({Kind.UNDECIDED, Kind.AMBIGUOUS, Kind.TEST_POINT_NOT_FOUND})
+"""What another point of view may clear up. A tip that is not found is none of these: nothing moves without it."""
+SIDESTEP_MARGIN_PX = 4.0
 
 
 async def correct(job: Job, bench: Bench) -> Outcome:
@@ -50,8 +51,8 @@ async def correct(job: Job, bench: Bench) -> Outcome:
 async def _first_aim(job: Job, bench: Bench, start: Position, point: BoardPoint, pose_map: PoseMap) -> Aim:
     """Look; if the scene is not clear from here, step aside once and look again.
 
-    The needle may stand in front of the pad, or before something that hides its own edges. A known step sideways
-    uncovers both; it is a move like any other, checked and bounded. What is unclear from there too is a fault.
+    The needle may stand in front of the pad, or cut something else into a shape that cannot be told. A known step
+    sideways uncovers it; it is a move like any other, checked and bounded. What is unclear from there too is a fault.
     """
     try:
         return await look_and_aim(job, bench, start, point, pose_map)
@@ -66,10 +67,10 @@ async def _first_aim(job: Job, bench: Bench, start: Position, point: BoardPoint,
 
 
 def sidestep_um(bench: Bench, point: BoardPoint, pose_map: PoseMap, theta_deg: float) -> tuple[float, float]:
-    """Return the head's step, robot frame, that shifts the picture across the needle by its width and the pad's."""
+    """Return the head's step, robot frame, that shifts a pad behind the taper's middle out from behind it."""
     probe = bench.calibrations.require_probe()
-    scale = pose_map.scale_px_per_um(probe.tip_px)
-    clear_px = probe.shape.cylinder_half_px + point.diameter_um * scale
+    radius_px = point.diameter_um / 2 * pose_map.scale_px_per_um(probe.tip_px)
+    clear_px = probe.shape.cylinder_half_px / 2 + radius_px + SIDESTEP_MARGIN_PX
     across = (-math.sin(probe.angle_rad) * clear_px, math.cos(probe.angle_rad) * clear_px)
     below = (probe.tip_px[0] + pose_map.below_tip_px[0], probe.tip_px[1] + pose_map.below_tip_px[1])
     # The scene moves against the head.

@@ -18,6 +18,7 @@ from vision.testpoint import Seen, TestPoint
 from vision.tip import Tip
 
 Colour = tuple[int, int, int]
+RED_GAIN = 1.8
 USED: Colour = (80, 220, 80)
 ANSWER: Colour = (0, 230, 255)
 THROWN: Colour = (60, 160, 255)
@@ -112,8 +113,11 @@ def draw_tip(white_bgr: Bgr, tip: Tip | NotFound, near_px: tuple[float, float] |
 
 
 def draw_test_points(red_bgr: Bgr, seen: Seen, tip_px: tuple[float, float], zoom: int = 5) -> Bgr:
-    """Return a picture of what was taken, thrown and left undecided near the tip, each with the rule that decided."""
-    image = check_bgr(red_bgr)
+    """Return a picture of what was taken, thrown and left undecided near the tip, each with the rule that decided.
+
+    It is brightened: under red light alone a board is a dark sight for people.
+    """
+    image = np.asarray(cv2.convertScaleAbs(check_bgr(red_bgr), alpha=RED_GAIN), dtype=np.uint8)
     x, y, width, height = seen.window_px
     area = x - 6, y - 14, max(min(width, 400), 1) + 12, max(min(height, 400), 1) + 28
     sheet = Sheet(image, area, zoom)

@@ -137,10 +137,10 @@ def _look(
 
 
 def _apart(decided: list[Decided]) -> list[Decided]:
-    """Throw a taken circle that overlaps a better seen one: pads may touch, but never lie on each other."""
+    """Throw a circle that overlaps a better seen one that was taken: pads may touch, but never lie on each other."""
     kept: list[Decided] = []
-    for item in sorted(decided, key=lambda item: -_trust(item)):
-        overlapped = item.verdict is Verdict.TAKE and any(_overlap(item, other) for other in kept)
+    for item in sorted(decided, key=lambda item: (item.verdict is not Verdict.TAKE, -_trust(item))):
+        overlapped = item.verdict is not Verdict.THROW and any(_overlap(item, other) for other in kept)
         kept.append(replace(item, verdict=Verdict.THROW, rule="overlapped") if overlapped else item)
     return kept
 

@@ -40,11 +40,12 @@ def write_report(out: Path, board: Board, seed: int, landings: list[Landing]) ->
 def _story(landing: Landing, out: Path) -> dict[str, Any]:
     """Gather what the page says of one landing."""
     folder = Path(landing.result.pictures).resolve() if landing.result.pictures else None
-    pictures = {
-        name: file.relative_to(out.resolve())
+    pictures = [
+        (name, what, file.relative_to(out.resolve()))
+        for what in ("tip", "pads")
         for name in ("before", "after")
-        if folder and (file := folder / f"{name}-pads.jpg").exists()
-    }
+        if folder and (file := folder / f"{name}-{what}.jpg").exists()
+    ]
     software_ms = sum(row["software"] for row in landing.result.timing_ms.values())
     return {"landing": landing, "result": landing.result, "pictures": pictures, "software_ms": software_ms}
 

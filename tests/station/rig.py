@@ -72,7 +72,7 @@ class Rig:
 
 
 @contextmanager
-def running_rig(out: Path, *, seed: int = 1, arguments: tuple[str, ...] = ("--unpaced",)) -> Iterator[Rig]:
+def running_rig(out: Path, *, seed: int = 1, arguments: tuple[str, ...] = ("--unpaced", "--speed", "3")) -> Iterator[Rig]:
     """Start the simulated station and a daemon on it."""
     board = import_board(DEMO_BOARD, "top")
     (out / "board.json").write_text(board.model_dump_json())
