@@ -30,8 +30,13 @@ class Hardware:
         self.camera = camera
         self._stack = stack
 
-    async def recover(self, deadline: Deadline) -> None:
-        """Clear what the drives hold, darken, and wake the camera; raise what is still wrong. Moves nothing."""
+    async def recover(self, deadline: Deadline, *, reference_lost: bool) -> None:
+        """Clear what the drives hold and darken; raise what is still wrong. Moves nothing.
+
+        A drive in fault had no power on its motor: its axis may stand elsewhere, so all have to be homed again.
+        """
+        if reference_lost or any(axis.error_code for axis in await self.gantry.health(deadline)):
+            await self.gantry.forget_homing(deadline)
         await self.gantry.reset(deadline)
         await self.gantry.start(deadline)
         await self.lights.set(Light.OFF, deadline)

@@ -32,11 +32,14 @@ from daemon.states import Event, Machine, State
 from daemon.station import Station
 from daemon.trouble import as_fault
 from drivers.deadline import Deadline
+from drivers.errors import DeviceError
 
 OPEN_WITHIN_S = 20.0
 CHECK_EVERY_S = 2.0
 CHECK_WITHIN_S = 2.0
 STOP_WITHIN_S = 2.0
+REFERENCE_LOST = frozenset({Kind.MOTION_FAILED, Kind.AXIS_STALLED, Kind.LIMIT_HIT, Kind.EMERGENCY_STOP})
+"""After these an axis may not stand where its drive believes: only homing settles it."""
 log = structlog.get_logger(__name__)
 
 
@@ -116,9 +119,9 @@ class Service:
         Returns what still speaks against it.
         """
         async with self._opening:
-            self.jobs.fault = None
+            before, self.jobs.fault = self.jobs.fault, None
             try:
-                await self._open()
+                await self._open(lost=before is not None and before.kind in REFERENCE_LOST)
             except Exception as exc:  # whatever keeps the station closed becomes its fault
                 fault = as_fault(exc)
                 if fault.kind is Kind.INTERNAL:
@@ -129,8 +132,11 @@ class Service:
             self.jobs.clear()
             return None
 
-    async def _open(self) -> None:
-        """Open the hardware if need be, and see that it is fit to work; raise what is wrong."""
+    async def _open(self, *, lost: bool) -> None:
+        """Open the hardware if need be, and see that it is fit to work; raise what is wrong.
+
+        `lost`: what went before leaves the axes' reference in doubt.
+        """
         deadline = Deadline.after(OPEN_WITHIN_S)
         if self._hardware is None:
             self.calibrations.load()
@@ -139,7 +145,7 @@ class Service:
             self.jobs.bench = Bench(self.config, station, self.board, self.calibrations)
             log.info("station_open", camera=dict(self._hardware.camera.settings()))
         else:
-            await self._hardware.recover(deadline)
+            await self._hardware.recover(deadline, reference_lost=lost)
         await self._hardware.check_health(deadline)
         if not await self._hardware.gantry.homed():
             raise Fault(Kind.NOT_HOMED)
@@ -148,15 +154,30 @@ class Service:
         """While nothing runs, look after the drives: an e-stop or a pulled cable is noticed before the next job."""
         while True:
             await asyncio.sleep(CHECK_EVERY_S)
-            if self._hardware is None or self.jobs.running is not None or self.machine.state is not State.IDLE:
+            if self._hardware is None or self.jobs.running is not None or self._opening.locked():
                 continue
-            try:
-                await self._hardware.check_health(Deadline.after(CHECK_WITHIN_S))
-            except Exception as exc:  # noqa: BLE001  # whatever the drives report becomes the station's fault
-                if self.jobs.running is None:
-                    fault = _latched(as_fault(exc))
-                    log.error("station_lost", error=fault.message)
-                    self.jobs.latch(fault)
+            if self.machine.state is State.IDLE:
+                await self._check_health(self._hardware)
+            elif self.jobs.fault is not None and self.jobs.fault.kind in REFERENCE_LOST:
+                await self._forget_homing(self._hardware)
+
+    async def _check_health(self, hardware: Hardware) -> None:
+        try:
+            await hardware.check_health(Deadline.after(CHECK_WITHIN_S))
+        except Exception as exc:  # noqa: BLE001  # whatever the drives report becomes the station's fault
+            if self.jobs.running is None:
+                fault = _latched(as_fault(exc))
+                log.error("station_lost", error=fault.message)
+                self.jobs.latch(fault)
+
+    async def _forget_homing(self, hardware: Hardware) -> None:
+        """Write the doubt into the drives, so that a daemon started anew does not believe them either."""
+        deadline = Deadline.after(CHECK_WITHIN_S)
+        try:
+            if await hardware.gantry.homed(deadline):
+                await hardware.gantry.forget_homing(deadline)
+        except DeviceError as exc:
+            log.debug("homing_not_forgotten_yet", error=str(exc))
 
     # --- telling ---------------------------------------------------------------------------------------------
 

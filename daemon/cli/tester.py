@@ -12,6 +12,9 @@ from daemon.client import Client, listen
 from daemon.messages import JobResult
 
 app = typer.Typer()
+ANSWER_WITHIN_S = 5.0
+"""A daemon that runs answers anything in this time, if only that it took a job."""
+RESET_WITHIN_S = 30.0
 JobIdOption = Annotated[str | None, typer.Option("--id", help="Idempotency key; a new one by default.")]
 Theta = Annotated[float, typer.Option(help="Head angle, degrees.")]
 
@@ -141,7 +144,8 @@ def _sentence(result: JobResult) -> str:
 def _job(op: str, endpoint: str, *, as_json: bool, job_id: str | None = None, timeout_s: float = 120.0,
          **fields: Any) -> None:  # fmt: skip
     """Run a job, show how it ended, and exit 1 if it failed."""
-    with answered(), Client(endpoint) as client, err.status(f"{op} ..."):
+    with answered(), Client(endpoint, timeout_s=ANSWER_WITHIN_S) as client, err.status(f"{op} ..."):
+        client.request("status")
         result = client.job(op, job_id=job_id, timeout_s=timeout_s, **fields)
     if as_json:
         say_json(result.model_dump(mode="json"))
@@ -165,8 +169,9 @@ def _print_timing(result: JobResult) -> None:
 
 def _ask(op: str, endpoint: str, *, as_json: bool, **fields: Any) -> None:
     """Ask something that is answered at once, and show the answer."""
-    with answered(), Client(endpoint, timeout_s=30.0) as client:
-        reply = client.request(op, **fields)
+    with answered(), Client(endpoint, timeout_s=ANSWER_WITHIN_S) as client:
+        client.request("status")
+        reply = client.request(op, timeout_s=RESET_WITHIN_S, **fields)
     if as_json:
         say_json(reply)
         return

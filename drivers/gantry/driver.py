@@ -149,6 +149,11 @@ class Gantry:
         if failures:
             raise failures[0]
 
+    async def forget_homing(self, deadline: Deadline) -> None:
+        """Make every axis need its homing run again; what moves the machine refuses until then."""
+        for axis in self._axes.values():
+            await axis.forget_homing(deadline)
+
     async def reset(self, deadline: Deadline) -> None:
         """Clear the faults of all drives; raise DriveFault when a cause is still there. Moves nothing."""
         for axis in self._axes.values():

@@ -87,6 +87,10 @@ class Axis:
         """Ask the drive for our marker: it is gone once the drive has lost power or the settings changed."""
         return await self._drive.read(od.HOMED_MARKER, deadline) == self.config.homed_marker
 
+    async def forget_homing(self, deadline: Deadline) -> None:
+        """Take the marker away: after a fault, a stall or an emergency stop the axis may stand elsewhere."""
+        await self._drive.write_checked(od.HOMED_MARKER, 0, deadline)
+
     async def health(self, deadline: Deadline) -> AxisHealth:
         """Collect what the drive says of itself, by FC 43: right whatever the process image holds."""
         drive = self._drive

@@ -19,6 +19,8 @@ from daemon.demo.settings import Places, write_settings
 
 ROOT = Path(__file__).parents[2]
 EVENTUALLY_S = 20.0
+FAST = ("--unpaced", "--speed", "3")
+"""The plant and the pixels stay as they are; only the clock and the line are hurried."""
 DEMO_BOARD = ROOT / "sim_hw" / "demo_board"
 
 
@@ -72,7 +74,7 @@ class Rig:
 
 
 @contextmanager
-def running_rig(out: Path, *, seed: int = 1, arguments: tuple[str, ...] = ("--unpaced", "--speed", "3")) -> Iterator[Rig]:
+def running_rig(out: Path, *, seed: int = 1, arguments: tuple[str, ...] = FAST) -> Iterator[Rig]:
     """Start the simulated station and a daemon on it."""
     board = import_board(DEMO_BOARD, "top")
     (out / "board.json").write_text(board.model_dump_json())

@@ -95,6 +95,21 @@ def test_a_cable_pulled_while_idle_is_noticed(rig: Rig, client: Client) -> None:
 def test_an_emergency_stop_is_noticed_and_needs_homing(rig: Rig, client: Client) -> None:
     with rig.fault("estop"):
         _wait_for_state(client, "fault")
+        assert not client.raw(b'{"op": "reset"}', timeout_s=60.0)["ok"], "not while it is pressed"
+    reply = client.raw(b'{"op": "reset"}', timeout_s=60.0)
+    assert reply["error"]["name"] == "not_homed", "the axes may have slipped"
+    assert client.job("home").ok
+    assert client.job("place", test_point="TP4").ok
+
+
+def test_a_stalled_axis_needs_homing(rig: Rig, client: Client) -> None:
+    client.job("place", board_um=[0.0, 0.0])
+    with rig.fault("stall", axis="x", detected=True):
+        result = client.job("place", board_um=[30_000.0, 0.0])
+    assert result.error is not None
+    assert result.error.name in ("axis_stalled", "motion_failed")
+    assert client.request("status")["state"] == "fault"
+    assert client.raw(b'{"op": "reset"}', timeout_s=60.0)["error"]["name"] == "not_homed"
 
 
 def test_cancel_in_the_middle_of_a_move_stops_it(rig: Rig, client: Client) -> None:
