@@ -6,6 +6,7 @@ import json
 import threading
 import time
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 
@@ -104,8 +105,11 @@ def test_an_emergency_stop_is_noticed_and_needs_homing(rig: Rig, client: Client)
 
 def test_a_stalled_axis_needs_homing(rig: Rig, client: Client) -> None:
     client.job("place", board_um=[0.0, 0.0])
-    with rig.fault("stall", axis="x", detected=True):
-        result = client.job("place", board_um=[30_000.0, 0.0])
+    far: dict[str, Any] = {"board_um": [39_000.0, 29_000.0], "theta_deg": 90.0}
+    client.request("place", id="stalls", **far)
+    rig.until(lambda truth: truth["moving"], "it never moved")
+    with rig.fault("stall", axis="all", detected=True):
+        result = client.job("place", job_id="stalls", **far)
     assert result.error is not None
     assert result.error.name in ("axis_stalled", "motion_failed")
     assert client.request("status")["state"] == "fault"
