@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import structlog
@@ -286,7 +287,18 @@ class Jobs:
             ticket.done.set_result(result)
         log.info("job_done", outcome=result.outcome, ok=result.ok, error=fault.message if fault else None)
         if result.pictures and folder:
-            await self._pictures.keep(folder, job, result)
+            await self._keep_pictures(folder, job, result)
+
+    async def _keep_pictures(self, folder: Path, job: Job, result: JobResult) -> None:
+        """Keep the pictures; that they cannot be kept any more, or can again, is an alert."""
+        before = self._pictures.full
+        await self._pictures.keep(folder, job, result)
+        now = self._pictures.full
+        if (before is None) != (now is None):
+            body = {"name": "pictures_not_kept", "raised": now is not None, "message": now or "pictures are kept again"}
+            seq = self._journal.take_seq()
+            await self._journal.add_alert(seq, body)
+            self._events.publish("alert", body, seq=seq)
 
     def _keep_step(self, job_id: str) -> Callable[[str, dict[str, Any]], Any]:
         def keep(kind: str, body: dict[str, Any]) -> Any:
