@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import theilslopes
 
 from vision.caliper import Floats
 from vision.image import Plane
@@ -94,10 +95,10 @@ def turned_taper(strip: Strip, slope: Plane, axis: Axis, shape: NeedleShape) -> 
 def consistency(points: EdgePoints, axis: Axis, rim2: Rim, shape: NeedleShape) -> tuple[float, float]:
     """Return (bend, moved) in px, each 0 where clutter leaves it unknown.
 
-    bend: how far the taper's own axis and the cylinder's own axis are apart at the end. moved: how far the marking
-    lies from where it was taught, by the taper's width, which tells for itself where the end is. Half a pixel of width
-    are 3 px of place, so only edges before a background darker than the metal count, and both sides must say it: a
-    moved marking shows on both, a line of silkscreen beside the needle on one.
+    bend: how far, at the end, the taper lies from where the cylinder points. moved: how far the marking lies from where
+    it was taught, by the taper's width, which tells for itself where the end is. Half a pixel of width are 3 px of
+    place, so only edges before a background darker than the metal count. Both sides must say it: a bend or a moved
+    marking shows on both, a line of silkscreen beside the needle on one.
     """
     points = points.where(points.brightens, points.offered)
     above = points.u_px < -shape.end_to_rim_px
@@ -111,9 +112,21 @@ def consistency(points: EdgePoints, axis: Axis, rim2: Rim, shape: NeedleShape) -
         own_axes.append(line)
     beyond = points.side * (points.v_px - axis.a_px - axis.b * points.u_px) - shape.half_width(points.u_px)
     expected = rim2.u_px + shape.end_to_rim_px
-    sides = [_moved(beyond, points.side == side, above, shape) - expected for side in (-1.0, 1.0)]
-    moved = min(sides, key=abs) if sides[0] * sides[1] > 0.0 else 0.0
-    return own_axes[0].a_px - own_axes[1].a_px, moved
+    moved = _both_say([_moved(beyond, points.side == side, above, shape) - expected for side in (-1.0, 1.0)])
+    bend = _both_say([_bend(points, ~above & (points.side == side), own_axes[1], shape) for side in (-1.0, 1.0)])
+    return bend, moved
+
+
+def _both_say(sides: list[float]) -> float:
+    """Return what both sides of the needle agree on: the smaller of two numbers of one sign, else 0."""
+    return min(sides, key=abs) if sides[0] * sides[1] > 0.0 else 0.0
+
+
+def _bend(points: EdgePoints, own: NDArray[np.bool_], cylinder: Axis, shape: NeedleShape) -> float:
+    """Return how far, at the end, one side of the taper lies from where the cylinder's axis puts it, px."""
+    u, side = points.u_px[own], points.side[own]
+    off = points.v_px[own] - cylinder.a_px - cylinder.b * u - side * shape.half_width(u)
+    return float(theilslopes(off, u).intercept)
 
 
 def _moved(beyond: NDArray[np.float64], side: NDArray[np.bool_], above: NDArray[np.bool_], shape: NeedleShape) -> float:
