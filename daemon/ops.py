@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
+from daemon.board import Board
+from daemon.calibrations import Calibrations
 from daemon.clock import due_at_s
+from daemon.config import Config
 from daemon.faults import Fault, Kind
+from daemon.jobs import Jobs
 from daemon.journal import Journal
 from daemon.messages import (
     OPS,
@@ -27,16 +31,28 @@ from daemon.messages import (
     Snapshot,
     Status,
 )
-from daemon.states import BUSY
+from daemon.pictures import Pictures
+from daemon.states import BUSY, Machine
 
-if TYPE_CHECKING:
-    from daemon.service import Service
+
+class Served(Protocol):
+    """What of the running daemon the operations ask."""
+
+    config: Config
+    machine: Machine
+    jobs: Jobs
+    board: Board
+    calibrations: Calibrations
+    pictures: Pictures
+
+    async def reset(self) -> Fault | None:
+        """Try to leave a fault; return what still speaks against it."""
 
 
 class Ops:
-    """Answer requests for one service."""
+    """Answer requests for one daemon."""
 
-    def __init__(self, service: Service, journal: Journal) -> None:
+    def __init__(self, service: Served, journal: Journal) -> None:
         self._service = service
         self._journal = journal
 
