@@ -14,6 +14,7 @@ import structlog
 import zmq
 import zmq.asyncio
 
+from daemon.events import bind
 from daemon.faults import Fault, Kind
 from daemon.messages import WIRE_VERSION, AnyRequest, ErrorBody, parse_request
 from daemon.trouble import as_fault
@@ -39,7 +40,7 @@ class ControlSocket:
         self._socket.setsockopt(zmq.LINGER, 200)
         self._socket.setsockopt(zmq.MAXMSGSIZE, HARD_LIMIT)
         self._socket.setsockopt(zmq.ROUTER_HANDOVER, 1)
-        self._socket.bind(endpoint)
+        bind(self._socket, endpoint)
         self._pending: set[asyncio.Task[None]] = set()
 
     async def serve(self) -> None:

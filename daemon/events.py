@@ -18,6 +18,15 @@ SEND_QUEUE = 1000
 log = structlog.get_logger(__name__)
 
 
+def bind(socket: zmq.Socket[Any], endpoint: str) -> None:
+    """Bind, or close the socket before the error goes on: a context waits for open sockets for ever."""
+    try:
+        socket.bind(endpoint)
+    except zmq.ZMQError:
+        socket.close(linger=0)
+        raise
+
+
 class Events:
     """Publish; a PUB socket never blocks, so this may be called from anywhere in the event loop."""
 
@@ -27,7 +36,7 @@ class Events:
         self._socket = context.socket(zmq.PUB)
         self._socket.setsockopt(zmq.SNDHWM, SEND_QUEUE)
         self._socket.setsockopt(zmq.LINGER, 200)
-        self._socket.bind(endpoint)
+        bind(self._socket, endpoint)
 
     def publish(self, topic: Topic, body: dict[str, Any], seq: int | None = None) -> int:
         """Send one event and return its number; a number taken earlier (for the journal) is used as it is."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import signal
+from contextlib import AsyncExitStack
 from importlib.metadata import version
 from typing import Any
 
@@ -38,6 +39,7 @@ OPEN_WITHIN_S = 20.0
 CHECK_EVERY_S = 2.0
 CHECK_WITHIN_S = 2.0
 STOP_WITHIN_S = 2.0
+LINGER_MS = 200
 REFERENCE_LOST = frozenset({Kind.MOTION_FAILED, Kind.AXIS_STALLED, Kind.LIMIT_HIT, Kind.EMERGENCY_STOP})
 """After these an axis may not stand where its drive believes: only homing settles it."""
 log = structlog.get_logger(__name__)
@@ -59,29 +61,31 @@ class Service:
         self._stop.set()
 
     async def run(self) -> None:
-        """Serve until told to stop."""
+        """Serve until told to stop; whatever was opened is closed again, in the opposite order."""
         config = self.config
-        board = Board.load(config.board.file)
-        self._journal = await Journal.open(config.station.data_dir / "journal.sqlite")
-        context = zmq.asyncio.Context()
-        self._events = Events(zmq.Context(context), config.api.events, config.station.name, self._journal)
-        self.machine = Machine(self._publish_state)
-        self.pictures = Pictures(
-            config.station.data_dir / "pictures", config.station.pictures, config.station.pictures_quota_mb
-        )
-        self.jobs = Jobs(
-            self.machine, self._journal, self._events, self.pictures, config.station.name,
-            config.servo.job_timeout_s, config.api.queue_length,
-        )  # fmt: skip
-        self.board = board
-        control = ControlSocket(
-            context, config.api.control, config.api.max_message_bytes, self.version, Ops(self, self._journal).handle
-        )
-        self._trap_signals()
-        try:
+        self.board = Board.load(config.board.file)
+        async with AsyncExitStack() as stack:
+            self._journal = await Journal.open(config.station.data_dir / "journal.sqlite")
+            stack.push_async_callback(self._journal.close)
+            context = zmq.asyncio.Context()
+            stack.callback(context.destroy, linger=LINGER_MS)
+            self._events = Events(zmq.Context(context), config.api.events, config.station.name, self._journal)
+            stack.callback(self._events.close)
+            self.machine = Machine(self._publish_state)
+            self.pictures = Pictures(
+                config.station.data_dir / "pictures", config.station.pictures, config.station.pictures_quota_mb
+            )
+            self.jobs = Jobs(
+                self.machine, self._journal, self._events, self.pictures, config.station.name,
+                config.servo.job_timeout_s, config.api.queue_length,
+            )  # fmt: skip
+            answer = Ops(self, self._journal).handle
+            control = ControlSocket(context, config.api.control, config.api.max_message_bytes, self.version, answer)
+            stack.callback(control.close)
+            stack.push_async_callback(self._let_go)
+            self._trap_signals()
             await self._serve(control)
-        finally:
-            await self._close(context, control)
+        log.info("stopped")
 
     async def _serve(self, control: ControlSocket) -> None:
         """Report what a stop interrupted, open the devices, then run everything until told to stop."""
@@ -220,15 +224,10 @@ class Service:
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(number, self.stop)
 
-    async def _close(self, context: zmq.asyncio.Context, control: ControlSocket) -> None:
-        """Darken, let go of the devices, write the journal, close the sockets."""
+    async def _let_go(self) -> None:
+        """Darken and let go of the devices."""
         if self._hardware is not None:
             await self._hardware.close(Deadline.after(STOP_WITHIN_S))
-        await self._journal.close()
-        self._events.close()
-        control.close()
-        context.term()
-        log.info("stopped")
 
 
 def _latched(fault: Fault) -> Fault:

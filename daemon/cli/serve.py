@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+import zmq
 
 from daemon.board import Board
 from daemon.cli.output import USAGE, AsJson, fail, out, say_json
@@ -31,7 +32,7 @@ def run(config: ConfigFile, as_json: Annotated[bool, typer.Option("--json", help
         asyncio.run(Service(loaded).run())
     except (Fault, ValueError) as exc:
         fail(str(exc), advice=exc.advice if isinstance(exc, Fault) else "")
-    except OSError as exc:
+    except (OSError, zmq.ZMQError) as exc:
         fail(f"cannot start: {exc}", advice="is another daemon running on these sockets?")
 
 

@@ -55,6 +55,14 @@ def test_run_refuses_a_bad_configuration(tmp_path: Path) -> None:
     assert "check-config" in output
 
 
+def test_a_second_daemon_on_the_same_sockets_is_told_so(station: Path, tmp_path: Path) -> None:
+    api = f'[api]\ncontrol = "ipc://{tmp_path}/control"\nevents = "ipc:///nonexistent/events"\n'
+    station.write_text(station.read_text().replace("/var/lib/reprobe", str(tmp_path)) + api)
+    code, output = _run("run", "--config", str(station))
+    assert code == 1
+    assert "another daemon" in output
+
+
 @pytest.mark.parametrize("command", [["status"], ["trigger", "TP1", "--timeout-s", "0.2"], ["home"], ["reset"]])
 def test_without_a_daemon_the_tester_is_told_so(command: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("daemon.cli.tester.ANSWER_WITHIN_S", 0.2)
