@@ -148,9 +148,10 @@ def wrong_size(seen: SeenObject, wanted: Wanted) -> Verdict:
 def stroke_end(seen: SeenObject, wanted: Wanted) -> Verdict:
     """Throw the round ends of strokes of silkscreen: they look like a filled via that goes on at its full width.
 
-    A neck nearly as wide belongs to a stroke too when the whole is duller than the metal beside it.
+    A neck nearly as wide belongs to a stroke too when the whole is duller than the metal beside it. Lettering has no
+    drilled holes: with one, it is a via, however wide its trace.
     """
-    if seen.circle is None:
+    if seen.circle is None or seen.hole is not None:
         return Verdict.PASS
     dull = seen.contrast < DULL_STROKE_SHARE * wanted.brightest_contrast
     return Verdict.THROW if seen.neck >= (WIDEST_TRACE if dull else STROKE_NECK) else Verdict.PASS
@@ -247,7 +248,7 @@ def sound(seen: SeenObject, wanted: Wanted) -> bool:
     if seen.circle is None or not is_round(seen):
         return False
     sized = any(low <= seen.circle.radius_px <= high for low, high in wanted.radii_px)
-    alone = seen.neck <= WIDEST_TRACE
+    alone = seen.neck <= WIDEST_TRACE or seen.hole is not None
     return alone and sized and seen.fill >= LEAST_FILL and not _dull(seen, seen.circle, wanted)
 
 
