@@ -54,6 +54,7 @@ class BusSection(Section):
     stopbits: Literal[1, 2] = 1
     host: str | None = Field(default=None, description="instead of a port")
     tcp_port: int = Field(default=502, ge=1, le=65535)
+    framing: Literal["rtu", "tcp"] = Field(default="rtu", description="with a host: RTU frames over TCP, or Modbus TCP")
     timeout_ms: float = Field(default=200.0, ge=10, le=5000, description="longest wait for one reply")
     gap_ms: float = Field(default=3.0, ge=0, le=100, description="silence before the next request (manual: 3 ms)")
 
@@ -62,6 +63,14 @@ class BusSection(Section):
         if (self.port is None) == (self.host is None):
             raise ValueError("give either port or host")
         return self
+
+
+class ObjectAccessSection(Section):
+    """How a drive wants its object dictionary asked (FC 43); the manual leaves these open."""
+
+    index_order: Literal["big", "little"]
+    node: int = Field(ge=0, le=247)
+    write_flag: int = Field(default=1, ge=0, le=255)
 
 
 class AxisSection(Section):
@@ -77,6 +86,10 @@ class AxisSection(Section):
     homing_method: int = Field(description="6098h")
     homing_speed: Positive
     homing_position: Finite = Field(default=0.0, description="coordinate of the homing switch")
+    word_order: Literal["auto", "big", "little"] = Field(
+        default="auto", description="auto: found at start, nothing moves"
+    )
+    object_access: ObjectAccessSection | None = Field(default=None, description="none: found at start, nothing moves")
 
     @model_validator(mode="after")
     def _sane(self) -> Self:

@@ -7,7 +7,7 @@ from contextlib import AsyncExitStack
 import structlog
 
 from daemon.config import AxisSection, BusSection, CameraSection, Config, LightsSection
-from drivers.bus import Line, ModbusBus, SerialLine, TcpLine
+from drivers.bus import Line, ModbusBus, OdAddressing, SerialLine, TcpLine
 from drivers.camera import Camera, CameraConfig, StreamCamera, V4L2Camera
 from drivers.deadline import Deadline
 from drivers.errors import DeviceError, DriveFault, LimitHit
@@ -84,7 +84,7 @@ async def open_hardware(config: Config, deadline: Deadline) -> Hardware:
 
 def _line(section: BusSection) -> Line:
     if section.host is not None:
-        return TcpLine(section.host, section.tcp_port, "rtu")
+        return TcpLine(section.host, section.tcp_port, section.framing)
     return SerialLine(str(section.port), section.baudrate, section.parity, section.stopbits)
 
 
@@ -107,6 +107,7 @@ def _axis(name: str, section: AxisSection) -> AxisConfig:
         acceleration_units_s2=section.acceleration,
         home_position_units=section.homing_position,
     )
+    access = section.object_access
     return AxisConfig(
         name=name,
         address=section.address,
@@ -117,6 +118,8 @@ def _axis(name: str, section: AxisSection) -> AxisConfig:
         acceleration_units_s2=section.acceleration,
         homing=homing,
         window_units=THETA_WINDOW_DEG if name == "theta" else 1.0,
+        addressing=OdAddressing(**access.model_dump()) if access is not None else None,
+        word_order=section.word_order,
     )
 
 

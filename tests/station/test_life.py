@@ -12,7 +12,7 @@ import pytest
 
 from daemon.client import Client
 from daemon.demo.processes import Process
-from tests.station.rig import Rig, running_rig
+from tests.station.rig import FAST, Rig, running_rig
 
 
 def _until_answering(process: Process, control: str) -> None:
@@ -73,6 +73,15 @@ def _until_ready_or_fault(process: Process, control: str) -> None:
             if status["fault"] or status["state"] == "idle":
                 return
             time.sleep(0.05)
+
+
+def test_what_the_drive_manual_leaves_open_is_found_at_start(tmp_path: Path) -> None:
+    """Drives that take the other side of every open point are homed by the same configuration."""
+    knobs = ("fc43_index_order=little", "fc43_node=0", "word_order=low", "fc43_write_num=zero")
+    arguments = (*FAST, *(part for knob in knobs for part in ("--set", knob)))
+    with running_rig(tmp_path, arguments=arguments) as rig, rig.client() as client:
+        result = client.job("home")
+        assert result.ok, result.error
 
 
 @pytest.mark.parametrize(
