@@ -23,7 +23,6 @@ def set_up(*, as_json: bool) -> None:
         ],
         wrapper_class=structlog.make_filtering_bound_logger(logging.INFO),
         logger_factory=structlog.PrintLoggerFactory(sys.stderr),
-        cache_logger_on_first_use=True,
     )
     # pymodbus tells of every lost frame through logging; the bus driver says the same with the device's name.
     logging.getLogger("pymodbus").setLevel(logging.CRITICAL)

@@ -3,9 +3,11 @@
 import json
 import re
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import structlog
 from typer.testing import CliRunner
 
 from daemon.cli.app import app
@@ -15,6 +17,13 @@ DEMO = ROOT / "sim_hw" / "demo_board"
 EXAMPLE = ROOT / "systemd" / "station.example.toml"
 NOBODY = "ipc:///nonexistent/reprobe-test"
 runner = CliRunner()
+
+
+@pytest.fixture(autouse=True)
+def logging_as_before() -> Iterator[None]:
+    """`run` sets logging up for its process, onto a stream that is closed after the test."""
+    yield
+    structlog.reset_defaults()
 
 
 def _run(*arguments: str) -> tuple[int, str]:
