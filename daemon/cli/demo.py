@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib.util
 import shutil
+import signal
+import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -51,6 +53,8 @@ def demo(
             advice=f"`reprobe board {folder} --side {side}` says why; try the other side",
             code=USAGE,
         )
+    # Ended from outside, it still ends the processes it started.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(FAILED))
     output.mkdir(parents=True, exist_ok=True)
     (output / "board.json").write_text(read.model_dump_json(indent=1))
     try:

@@ -3,6 +3,9 @@
 import json
 import re
 import shutil
+import subprocess
+import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -97,6 +100,23 @@ def test_a_board_without_targets_is_refused_kindly(tmp_path: Path) -> None:
     assert code == 2
     assert "no probe-able round target" in output
     assert "reprobe board" in output
+
+
+def test_a_demonstration_that_is_ended_ends_its_processes(tmp_path: Path) -> None:
+    demo = subprocess.Popen(
+        [sys.executable, "-m", "daemon.cli", "demo", "-o", str(tmp_path / "out")],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    started = Path(f"/proc/{demo.pid}/task/{demo.pid}/children")
+    give_up_s = time.monotonic() + 60.0
+    while len(children := started.read_text().split()) < 2:
+        assert time.monotonic() < give_up_s
+        assert demo.poll() is None
+        time.sleep(0.05)
+    demo.terminate()
+    demo.wait(60.0)
+    assert not [pid for pid in children if Path(f"/proc/{pid}").exists()]
 
 
 def test_calibrate_tip_wants_a_pixel() -> None:
