@@ -103,9 +103,10 @@ class Jobs:
         if stored is None:
             return None
         _same(job_id, canonical, stored.request)
+        if stored.result is None:  # the disk failed when it ended; who waits must not wait for ever
+            raise Fault(Kind.JOURNAL_FAILED, f"the result of job {job_id!r} could not be written"[:200], id=job_id)
         done: asyncio.Future[JobResult] = asyncio.get_running_loop().create_future()
-        if stored.result is not None:
-            done.set_result(stored.result)
+        done.set_result(stored.result)
         return done
 
     def _refuse_in_fault(self, request: AnyJob) -> None:
