@@ -57,8 +57,12 @@ async def look_and_aim(job: Job, bench: Bench, position: Position, point: BoardP
     search = Search.by_map(pose_map, model.tip_px, point, reach_um)
     look = await bench.station.look(position, model, search, job.watch, job.deadline)
     job.saw(look)
-    tip = require_tip(look)
-    target = choose(look, tip, point, pose_map, bench)
+    try:
+        tip = require_tip(look)
+        target = choose(look, tip, point, pose_map, bench)
+    except Fault:
+        job.note("look", describe(look, None, None))
+        raise
     way = pose_map.correction((target.x_px, target.y_px), (tip.x_px, tip.y_px), look.position.theta_deg,
                               math.hypot(tip.sigma_px, target.sigma_px))  # fmt: skip
     job.note("look", describe(look, target, way))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sqlite3
 import threading
 import time
 from collections.abc import Iterator
@@ -66,7 +67,12 @@ def test_seeing_trouble_is_named_and_nothing_moves(
 def test_a_recognition_fault_clears_itself(rig: Rig, client: Client) -> None:
     client.job("place", test_point="TP4", theta_deg=10.0)
     with rig.fault("dead_lamp", lamp="white"):
-        _error(client)
+        failed = client.job("correct", test_point="TP4")
+    assert not failed.ok
+    with sqlite3.connect(rig.places.out / "station" / "journal.sqlite") as db:
+        kinds = db.execute("SELECT kind FROM steps WHERE job=?", (failed.id,)).fetchall()
+    db.close()
+    assert kinds == [("look",)], "a look that failed is written down too"
     assert client.request("status")["state"] == "idle"
     assert client.job("correct", test_point="TP4").ok
 
