@@ -122,6 +122,12 @@ def tukey(residual: Floats, scale: float) -> Floats:
     return np.asarray(np.square(np.maximum(1.0 - np.square(residual / (TUKEY_REACH * scale)), 0.0)), dtype=np.float64)
 
 
+def middle(values: Floats | Plane | Gray, share: float = 0.5) -> float:
+    """Return the value that `share` (0..1) of `values` lie below: a median or quantile without interpolation."""
+    at = int(share * (values.size - 1))
+    return float(np.partition(values, at, axis=None)[at])
+
+
 def spread(residual: Floats, floor: float) -> float:
     """Return a robust standard deviation (1.4826 times the median absolute value), at least `floor`."""
     middle = residual.size // 2

@@ -1,186 +1,192 @@
-"""Measure a round thing to a fraction of a pixel: robust fit to edges on radial calipers.
+"""Judge a round thing: whether one ellipse lies on its edge points, and along how much of it.
 
-The camera looks obliquely, so a circle on the board is an ellipse whose minor axis lies along the needle. All radii
-here are semi-major; angles go round in the plane of the board, so that an undistorted pad is a constant radius.
+The camera looks obliquely, so a circle on the board is an ellipse. All radii here are semi-major; angles go round in
+the plane of the board, so that an undistorted pad is a constant radius plus a small second harmonic. What is taken is
+afterwards measured on the pixels themselves (`disc`).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.caliper import Fit, Floats, derivative, refine_peaks, robust_fit, sample
-from vision.image import Plane
+from vision.caliper import Floats, robust_fit
+from vision.edgels import Edgels
+from vision.view import View, ellipse_of
 
-# Samples per px along a ray, and the smoothing of its derivative in px.
-RAY_STEPS = 2
-RAY_SIGMA_PX = 0.9
-# Ellipses may differ from the view's ratio and direction by about this share of the radius (lens, tilt, pad shape).
-SHAPE_SIGMA = 0.025
-LEAST_RAYS = 10
+Flags = NDArray[np.bool_]
+LEAST_POINTS = 8
 LEAST_COVERAGE = 0.35
-# An edge this near the fit lies on it: px, or share of the radius if that is more.
-NEAR_PX, NEAR_SHARE = 0.7, 0.03
+# An edge this near the fit lies on it: small circles must not be met by the bends and corners of strokes.
+NEAR_PX, NEAR_SHARE, MOST_NEAR_PX = 0.35, 0.05, 0.8
+# An edge belongs to the contour if its slope points at the centre to this (cosine).
+LEAST_AIM = 0.75
 ROUNDS = 3
+NOTHING_HIDDEN: Flags = np.zeros((0, 0), dtype=np.bool_)
 
 
 @dataclass(frozen=True, slots=True)
-class View:
-    """Hold how obliquely the board is seen: minor over major axis of a circle, direction of the minor axis."""
+class Contour:
+    """Hold an ellipse as the view's circle with a second harmonic.
 
-    ratio: float = 0.87
-    minor_rad: float = float(np.arctan2(232.0, 119.0))
-
-    def to_image(self, x_px: float, y_px: float, radius_px: Floats, phi_rad: Floats) -> tuple[Floats, Floats]:
-        """Return image points at board radius and angle (0 = along the minor axis) about a centre."""
-        u, v = self.ratio * radius_px * np.cos(phi_rad), radius_px * np.sin(phi_rad)
-        c, s = np.cos(self.minor_rad), np.sin(self.minor_rad)
-        return x_px + u * c - v * s, y_px + u * s + v * c
-
-    def flattening(self) -> Floats:
-        """Return the (2, 2) matrix that turns image offsets into offsets on the board, in semi-major px."""
-        c, s = np.cos(self.minor_rad), np.sin(self.minor_rad)
-        minor = np.array([c, s])
-        return np.asarray(np.eye(2) + (1.0 / self.ratio - 1.0) * np.outer(minor, minor))
-
-
-@dataclass(frozen=True, slots=True)
-class CircleFit:
-    """Hold a fitted circle as seen: centre, semi-major radius, and how far it can be trusted.
-
-    sigma_px: 1-sigma of each coordinate of the centre. visible: share of the contour that nothing hides (0..1).
-    coverage: share of the visible contour with an edge on the fit (0..1). residual_px: scatter of those edges.
-    contrast: median step across the contour, levels per px (of the smoothed slope).
+    At board angle phi it lies radius_px + cos2_px cos(2 phi) + sin2_px sin(2 phi) from (x_px, y_px).
     """
 
     x_px: float
     y_px: float
     radius_px: float
+    cos2_px: float = 0.0
+    sin2_px: float = 0.0
+
+    def ellipse(self, view: View) -> tuple[float, float, float]:
+        """Return (semi-major px, minor over major, direction of the minor axis in rad) in the picture."""
+        phi: Floats = np.arange(16, dtype=np.float64) * (np.pi / 8.0)
+        radius = self.radius_px + self.cos2_px * np.cos(2.0 * phi) + self.sin2_px * np.sin(2.0 * phi)
+        return ellipse_of(np.stack(view.to_image(0.0, 0.0, radius, phi), axis=1))
+
+
+@dataclass(frozen=True, slots=True)
+class CircleFit:
+    """Hold a fitted circle as seen: its ellipse, and how far it can be trusted.
+
+    x_px, y_px: centre; radius_px: semi-major; ratio: minor over major axis; minor_rad: direction of the minor axis;
+    sigma_px: 1-sigma of each coordinate of the centre. visible: share of the contour that nothing hides (0..1).
+    coverage: share of the visible contour with an edge on the fit (0..1). sectors: (S,) along which board angles the
+    edge shows. contour: the same ellipse in the view's terms.
+    """
+
+    x_px: float
+    y_px: float
+    radius_px: float
+    ratio: float
+    minor_rad: float
     sigma_px: float
     visible: float
     coverage: float
-    residual_px: float
-    strength: float
+    sectors: Flags
+    contour: Contour
 
 
-@lru_cache(maxsize=8)
-def _directions(rays: int) -> tuple[Floats, Floats]:
-    """Return ray angles (N,) and the design (N, 5) of radius, centre and second harmonic."""
-    phi: Floats = np.arange(rays, dtype=np.float64) * (2.0 * np.pi / rays)
-    design: Floats = np.stack([np.ones(rays), np.cos(phi), np.sin(phi), np.cos(2 * phi), np.sin(2 * phi)], axis=1)
-    return phi, design
+@dataclass(frozen=True, slots=True)
+class _Ring:
+    """Edge points about a contour's centre: board angle, distance from the contour (outwards), each (N,)."""
+
+    cosine: Floats
+    sine: Floats
+    off_px: Floats
+
+    def design(self) -> Floats:
+        c, s = self.cosine, self.sine
+        return np.stack([np.ones_like(c), c, s, c * c - s * s, 2.0 * c * s], axis=1)
 
 
 def fit_circle(
-    plane: Plane,
-    centre_px: tuple[float, float],
-    radius_px: float,
+    edgels: Edgels,
+    seed: Contour,
     view: View,
     *,
+    shape: tuple[int, int],
     reach_px: float,
     bright_inside: bool = True,
-    hidden: NDArray[np.bool_] | None = None,
+    hidden: Flags = NOTHING_HIDDEN,
+    maybe_hidden: Flags = NOTHING_HIDDEN,
 ) -> CircleFit | None:
-    """Fit a circle near a seed; None when fewer than LEAST_RAYS rays meet its edge.
+    """Fit an ellipse to the edge points near a seed; None when too few lie on one.
 
-    plane: (H, W) float32, unfiltered. reach_px: how far from the seed's radius edges are looked for at first (twice
-    that later brings nothing: it shrinks round by round). hidden: (H, W) bool, what to leave out.
+    shape: (H, W) of the picture. reach_px: how far from the seed edges are looked for at first. hidden: (H, W) bool,
+    what the needle covers. maybe_hidden: where something may stand in front: contour without an edge there does not
+    count as visible. A size of zero means nothing is hidden.
     """
-    rays = 48 if radius_px < 10.0 else 72
-    x, y, radius = centre_px[0], centre_px[1], radius_px
-    found: CircleFit | None = None
+    contour, sigma = seed, 0.0
+    prior = np.array([np.inf, np.inf, np.inf, view.shape_sigma * seed.radius_px, view.shape_sigma * seed.radius_px])
+    ring = _ring(edgels, contour, view, reach_px, bright_inside)
     for turn in range(ROUNDS):
-        reach = max(reach_px / (1.0 + 0.6 * turn), 1.8)
-        found = _one_round(plane, (x, y, radius), view, rays, reach, 1.0 if bright_inside else -1.0, hidden)
-        if found is None or found.radius_px < 1.0 or found.coverage < LEAST_COVERAGE:
+        if ring.off_px.size < LEAST_POINTS:
             return None
-        if np.hypot(found.x_px - centre_px[0], found.y_px - centre_px[1]) > 2.0 * reach_px:
+        here = np.array([0.0, 0.0, 0.0, contour.cos2_px, contour.sin2_px])
+        target = ring.off_px + ring.design()[:, 3:] @ here[3:]
+        fit = robust_fit(ring.design(), target, prior, floor=0.05, ceiling=max(0.3, 0.02 * seed.radius_px), rounds=3)
+        moved = view.unflattening() @ fit.parameters[1:3]
+        contour = Contour(
+            contour.x_px + float(moved[0]),
+            contour.y_px + float(moved[1]),
+            contour.radius_px + float(fit.parameters[0]),
+            float(fit.parameters[3]),
+            float(fit.parameters[4]),
+        )
+        away = np.hypot(contour.x_px - seed.x_px, contour.y_px - seed.y_px)
+        if contour.radius_px < 1.0 or away > 2.0 * reach_px or not np.isfinite(away):
             return None
-        moved = abs(found.x_px - x) + abs(found.y_px - y)
-        x, y, radius = found.x_px, found.y_px, found.radius_px
-        if turn and moved < 0.02:
+        # Neighbouring edge points share pixels and blur: half of them count as independent.
+        sigma = float(np.sqrt(fit.covariance[1, 1] + fit.covariance[2, 2]))
+        reach = max(reach_px / (2.0 + turn), 1.6)
+        ring = _ring(edgels, contour, view, reach, bright_inside)
+        if float(np.hypot(*moved)) + abs(float(fit.parameters[0])) < 0.15:
             break
-    return found
+    return _judge(contour, ring, view, shape, sigma, hidden, maybe_hidden)
 
 
-def _one_round(
-    plane: Plane,
-    circle: tuple[float, float, float],
+def _ring(edgels: Edgels, contour: Contour, view: View, reach_px: float, bright_inside: bool) -> _Ring:  # noqa: FBT001
+    """Return the edge points within `reach_px` of a contour that face its centre (or away from it)."""
+    linear = view.flattening()
+    dx, dy = edgels.x_px - contour.x_px, edgels.y_px - contour.y_px
+    limit = contour.radius_px + reach_px + abs(contour.cos2_px) + abs(contour.sin2_px)
+    near = (np.abs(dx) < limit) & (np.abs(dy) < limit)
+    dx, dy = dx[near], dy[near]
+    u, v = linear[0, 0] * dx + linear[0, 1] * dy, linear[1, 0] * dx + linear[1, 1] * dy
+    rho = np.maximum(np.hypot(u, v), 1e-6)
+    c, s = u / rho, v / rho
+    off = rho - contour.radius_px - contour.cos2_px * (c * c - s * s) - contour.sin2_px * (2.0 * c * s)
+    aim = edgels.toward_x[near] * dx + edgels.toward_y[near] * dy
+    facing = (-aim if bright_inside else aim) > LEAST_AIM * np.hypot(dx, dy)
+    good = facing & (np.abs(off) < reach_px)
+    return _Ring(*(np.asarray(part[good], dtype=np.float64) for part in (c, s, off)))
+
+
+def _judge(
+    contour: Contour,
+    ring: _Ring,
     view: View,
-    rays: int,
-    reach: float,
-    sign: float,
-    hidden: NDArray[np.bool_] | None,
+    shape: tuple[int, int],
+    sigma: float,
+    hidden: Flags,
+    maybe_hidden: Flags,
 ) -> CircleFit | None:
-    x, y, radius = circle
-    phi, design = _directions(rays)
-    inner = max(radius - reach - 3.0, 0.2)
-    steps = int((radius + reach + 3.0 - inner) * RAY_STEPS) + 1
-    rho = inner + np.arange(steps) / RAY_STEPS
-    xs, ys = view.to_image(x, y, np.broadcast_to(rho, (rays, steps)), phi[:, None])
-    wanted = -sign * RAY_STEPS * derivative(sample(plane, xs, ys), RAY_SIGMA_PX * RAY_STEPS)
-    near = np.abs(rho - radius) <= reach
-    near[:2] = near[-2:] = False
-    columns = np.flatnonzero(near)
-    if columns.size < 3:
-        return None
-    peak = columns[0] + np.argmax(wanted[:, columns], axis=1)
-    strength = wanted[np.arange(rays), peak]
-    place = inner + refine_peaks(wanted, peak) / RAY_STEPS
-    seen = _visible(plane.shape, view, (x, y), place, phi, hidden)
-    if np.count_nonzero(seen) < LEAST_RAYS:
-        return None
-    level = float(np.partition(strength[seen], (index := int(0.7 * np.count_nonzero(seen))))[index])
-    inside = (place > radius - reach) & (place < radius + reach)
-    good = seen & inside & (strength > max(0.35 * level, 2.0))
-    if np.count_nonzero(good) < LEAST_RAYS:
-        return None
-    prior = np.array([np.inf, np.inf, np.inf, SHAPE_SIGMA * radius, SHAPE_SIGMA * radius])
-    fit = robust_fit(design[good], place[good] - radius, prior, floor=0.04, ceiling=max(0.3, 0.02 * radius), rounds=4)
-    residual = place[good] - radius - design[good] @ fit.parameters
-    return _as_circle(fit, residual, circle, view, float(np.count_nonzero(seen)), rays, level)
-
-
-def _visible(
-    shape: tuple[int, ...],
-    view: View,
-    centre: tuple[float, float],
-    place: Floats,
-    phi: Floats,
-    hidden: NDArray[np.bool_] | None,
-) -> NDArray[np.bool_]:
-    """Return which edge places (N,) lie in the picture and are not hidden."""
-    xs, ys = view.to_image(centre[0], centre[1], place, phi)
+    """Return the circle with the shares of its contour that can be seen and that are."""
+    sectors = min(max(int(3.2 * contour.radius_px), 16), 72)
+    near = np.abs(ring.off_px) < min(NEAR_PX + NEAR_SHARE * contour.radius_px, MOST_NEAR_PX)
+    angle = np.arctan2(ring.sine[near], ring.cosine[near]) * (sectors / (2.0 * np.pi))
+    shown = np.zeros(sectors, dtype=np.bool_)
+    shown[np.floor(angle).astype(np.intp) % sectors] = True
+    # A single empty sector between two shown ones is only the spacing of pixels.
+    shown |= np.roll(shown, 1) & np.roll(shown, -1)
+    phi: Floats = (np.arange(sectors, dtype=np.float64) + 0.5) * (2.0 * np.pi / sectors)
+    radius = contour.radius_px + contour.cos2_px * np.cos(2.0 * phi) + contour.sin2_px * np.sin(2.0 * phi)
+    xs, ys = view.to_image(contour.x_px, contour.y_px, radius, phi)
     columns, rows = np.rint(xs).astype(np.intp), np.rint(ys).astype(np.intp)
-    inside = (columns >= 1) & (rows >= 1) & (columns < shape[1] - 1) & (rows < shape[0] - 1)
-    if hidden is None:
-        return np.asarray(inside, dtype=np.bool_)
-    inside[inside] = ~hidden[rows[inside], columns[inside]]
-    return np.asarray(inside, dtype=np.bool_)
-
-
-def _as_circle(
-    fit: Fit, residual: Floats, circle: tuple[float, float, float], view: View, seen: float, rays: int, level: float
-) -> CircleFit | None:
-    near = max(NEAR_PX, NEAR_SHARE * circle[2])
-    used = float(np.count_nonzero(np.abs(residual) < near))
-    if used < LEAST_RAYS:
+    seen = (columns >= 1) & (rows >= 1) & (columns < shape[1] - 1) & (rows < shape[0] - 1)
+    at = rows.clip(0, shape[0] - 1), columns.clip(0, shape[1] - 1)
+    if hidden.size:
+        seen &= ~hidden[at]
+    if maybe_hidden.size:
+        seen &= shown | ~maybe_hidden[at]
+    visible = int(np.count_nonzero(seen))
+    shown &= seen
+    coverage = float(np.count_nonzero(shown)) / max(visible, 1)
+    if coverage < LEAST_COVERAGE or np.count_nonzero(shown) < LEAST_POINTS // 2:
         return None
-    grow, minor, major = (float(number) for number in fit.parameters[:3])
-    c, s = np.cos(view.minor_rad), np.sin(view.minor_rad)
-    dx, dy = view.ratio * minor * c - major * s, view.ratio * minor * s + major * c
-    # Neighbouring rays share pixels and blur: half of them count as independent.
-    variance = 2.0 * float(fit.covariance[1, 1] + fit.covariance[2, 2]) / 2.0
+    semi_major, ratio, minor = contour.ellipse(view)
     return CircleFit(
-        circle[0] + dx,
-        circle[1] + dy,
-        circle[2] + grow,
-        float(np.sqrt(variance + 0.02**2)),
-        seen / rays,
-        used / seen,
-        fit.scale,
-        level,
+        contour.x_px,
+        contour.y_px,
+        semi_major,
+        ratio,
+        minor,
+        float(np.hypot(sigma, 0.03)),
+        visible / sectors,
+        coverage,
+        shown,
+        contour,
     )

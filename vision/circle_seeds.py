@@ -1,30 +1,32 @@
-"""Propose circles: every edge pixel votes for the centres it could belong to.
+"""Propose circles: every edge point votes for the centres it could belong to.
 
-Votes are only seeds; `circle.fit_circle` measures. The picture must have been flattened first, so that circles on the
-board are circles here. Unlike whole objects, votes stand a needle across the pad, a trace leading away from it, a hole
-in it, and a neighbour that touches it.
+Votes are only seeds; `circle.fit_circle` measures. Unlike whole objects, votes stand a needle across the pad, a trace
+leading away from it, a hole in it, and a neighbour that touches it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.image import Gray
+from vision.edgels import Edgels
+from vision.view import View
 
-# Share of a whole contour that must vote for a seed.
-LEAST_SHARE = 0.28
-MOST_SEEDS = 12
-# Slope of an edge worth a vote, levels per px (after smoothing by 1 px).
-LEAST_SLOPE = 6.0
+# Share of a whole contour that must vote for a place before it is looked at, and that must then lie on one circle.
+LEAST_VOTE, LEAST_SHARE = 0.22, 0.38
+# Places looked at in each band of radii.
+MOST_PEAKS = 7
+# An edge points at its circle's centre to this (cosine): noise, blur, and an ellipse of another ratio.
+LEAST_AIM = 0.85
 
 
 @dataclass(frozen=True, slots=True)
 class Seed:
-    """Hold a proposed circle in flattened pixels and the share of its contour that voted for it."""
+    """Hold a proposed circle in picture pixels (radius semi-major) and the share of its contour that shows."""
 
     x_px: float
     y_px: float
@@ -32,65 +34,75 @@ class Seed:
     share: float
 
 
-def radii(least_px: float, most_px: float) -> tuple[float, ...]:
-    """Return trial radii from least to most, each about 10 % above the last."""
-    count = max(int(np.ceil(np.log(most_px / least_px) / 0.10)), 1) + 1
-    return tuple(float(radius) for radius in np.geomspace(least_px, most_px, count))
-
-
-def seeds(flat: Gray, trial_px: tuple[float, ...], hidden: NDArray[np.uint8] | None = None) -> list[Seed]:
-    """Return bright discs proposed in a flattened picture (H, W), best first; non-zero `hidden` pixels do not vote."""
-    smooth = cv2.GaussianBlur(flat, (0, 0), 1.0)
-    slope_x = np.asarray(cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=0.125), dtype=np.float32)
-    slope_y = np.asarray(cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=0.125), dtype=np.float32)
-    size = np.asarray(cv2.magnitude(slope_x, slope_y), dtype=np.float32)
-    ridge = np.asarray(cv2.dilate(size, np.ones((3, 3), dtype=np.uint8)), dtype=np.float32)
-    chosen = (size > LEAST_SLOPE) & (size > 0.8 * ridge)
-    if hidden is not None:
-        chosen &= hidden == 0
-    rows, columns = np.nonzero(chosen)
-    if rows.size < 8:
+def seeds(edgels: Edgels, shape: tuple[int, int], bands_px: Iterable[tuple[float, float]], view: View) -> list[Seed]:
+    """Return bright discs proposed in a picture of `shape` (H, W), for each band (least, most radius), best first."""
+    if edgels.x_px.size < 8:
         return []
-    toward_x, toward_y = slope_x[rows, columns] / size[rows, columns], slope_y[rows, columns] / size[rows, columns]
-    votes = _count(flat.shape, rows, columns, toward_x, toward_y, np.array(trial_px, dtype=np.float32))
-    return _peaks(votes, trial_px)
+    on_board = _Board(edgels, shape, view)
+    found = [seed for band in bands_px for seed in on_board.peaks(*band)]
+    return sorted(found, key=lambda seed: -seed.share)
 
 
-def _count(
-    shape: tuple[int, ...],
-    rows: NDArray[np.intp],
-    columns: NDArray[np.intp],
-    toward_x: NDArray[np.float32],
-    toward_y: NDArray[np.float32],
-    trial_px: NDArray[np.float32],
-) -> NDArray[np.float32]:
-    """Return votes (R, H, W) as shares of each radius' whole contour, gathered over 3x3 px."""
-    height, width = shape[0], shape[1]
-    x = np.rint(columns + trial_px[:, None] * toward_x).astype(np.int32)
-    y = np.rint(rows + trial_px[:, None] * toward_y).astype(np.int32)
-    layer = np.broadcast_to(np.arange(trial_px.size, dtype=np.int32)[:, None], x.shape)
-    good = (x >= 0) & (y >= 0) & (x < width) & (y < height)
-    cell = (layer[good] * height + y[good]) * width + x[good]
-    counted = np.bincount(cell, minlength=trial_px.size * height * width).astype(np.float32)
-    votes = counted.reshape(trial_px.size, height, width)
-    for index, radius in enumerate(trial_px):
-        spread = 3 if radius < 12 else 5
-        # An edge votes with about 1.4 pixels across its ridge.
-        scale = spread * spread / (1.4 * 2.0 * np.pi * float(radius))
-        votes[index] = cv2.blur(votes[index], (spread, spread)) * scale
-    return votes
+class _Board:
+    """The edge points laid flat on the board, where circles are circles."""
 
+    def __init__(self, edgels: Edgels, shape: tuple[int, int], view: View) -> None:
+        linear = view.flattening().astype(np.float32)
+        corners = np.array([[0, shape[1], 0, shape[1]], [0, 0, shape[0], shape[0]]], dtype=np.float32)
+        spread = linear @ corners
+        self.origin = spread.min(axis=1)
+        extent = np.ceil(spread.max(axis=1) - self.origin).astype(np.intp) + 1
+        self.width, self.height = int(extent[0]), int(extent[1])
+        self.unflattening = view.unflattening()
+        self.places = linear @ np.stack([edgels.x_px, edgels.y_px]) - self.origin[:, None]
+        # Slopes turn by the inverse transposed; the stretch is symmetric.
+        aims = self.unflattening.astype(np.float32) @ np.stack([edgels.toward_x, edgels.toward_y])
+        self.aims = aims / np.hypot(aims[0], aims[1])
 
-def _peaks(votes: NDArray[np.float32], trial_px: tuple[float, ...]) -> list[Seed]:
-    """Return the strongest places, each taking its neighbourhood (half its radius) out of the vote at all radii."""
-    best = votes.max(axis=0)
-    found: list[Seed] = []
-    while len(found) < MOST_SEEDS:
-        y, x = divmod(int(np.argmax(best)), best.shape[1])
-        share = float(best[y, x])
-        if share < LEAST_SHARE:
-            break
-        radius = trial_px[int(np.argmax(votes[:, y, x]))]
-        found.append(Seed(float(x), float(y), radius, share))
-        cv2.circle(best, (x, y), max(int(0.5 * radius), 2), (0.0,), -1)
-    return found
+    def peaks(self, least_px: float, most_px: float) -> list[Seed]:
+        votes = self._vote(least_px, most_px)
+        found: list[Seed] = []
+        for _ in range(MOST_PEAKS):
+            y, x = divmod(int(np.argmax(votes)), self.width)
+            if votes[y, x] < LEAST_VOTE:
+                break
+            radius, share = self._radius(float(x), float(y), least_px, most_px)
+            # A found circle's neighbourhood points at it too; pads that touch are two radii apart.
+            done = 0.7 * radius if share >= LEAST_SHARE else 0.35 * least_px
+            cv2.circle(votes, (x, y), max(int(done), 2), (0.0,), -1)
+            if share >= LEAST_SHARE:
+                at = self.unflattening @ (np.array([x, y]) + self.origin)
+                found.append(Seed(float(at[0]), float(at[1]), radius, share))
+        return found
+
+    def _vote(self, least_px: float, most_px: float) -> NDArray[np.float32]:
+        """Return (H, W) shares of a contour that point at each place from between the two radii."""
+        trial = np.linspace(least_px, most_px, max(int(most_px - least_px), 1) + 1, dtype=np.float32)[:, None]
+        x = np.rint(self.places[0] + trial * self.aims[0]).astype(np.int32)
+        y = np.rint(self.places[1] + trial * self.aims[1]).astype(np.int32)
+        weight = np.broadcast_to(1.0 / (2.0 * np.pi * trial), x.shape)
+        good = (x >= 0) & (y >= 0) & (x < self.width) & (y < self.height)
+        cell = y[good] * self.width + x[good]
+        counted = np.bincount(cell, weights=weight[good], minlength=self.width * self.height)
+        votes = counted.reshape(self.height, self.width).astype(np.float32)
+        # Votes scatter more the larger the circle: its ellipse is not quite the view's. Each ray crosses the whole box.
+        spread = 2 * int(1.0 + 0.08 * 0.5 * (least_px + most_px)) + 1
+        return np.asarray(cv2.blur(votes, (spread, spread), borderType=cv2.BORDER_CONSTANT), np.float32) * spread
+
+    def _radius(self, x: float, y: float, least_px: float, most_px: float) -> tuple[float, float]:
+        """Return the radius at which most of a circle about a place shows, and the share that does."""
+        dx, dy = self.places[0] - x, self.places[1] - y
+        radius = np.hypot(dx, dy)
+        good = (radius > least_px - 1.0) & (radius < most_px + 1.0)
+        dx, dy, radius = dx[good], dy[good], radius[good]
+        aimed = -(dx * self.aims[0][good] + dy * self.aims[1][good]) > LEAST_AIM * radius
+        dx, dy, radius = dx[aimed], dy[aimed], radius[aimed]
+        if radius.size < 6:
+            return 0.0, 0.0
+        counted = np.bincount(radius.astype(np.intp), weights=1.0 / radius, minlength=3)
+        shown = np.convolve(counted, np.ones(5 if least_px > 9.0 else 3), mode="same")
+        best = float(np.argmax(shown)) + 0.5
+        near = np.abs(radius - best) < 1.5 + 0.06 * best
+        sectors = min(max(int(2.5 * best), 12), 48)
+        seen = np.unique(np.floor(np.arctan2(dy[near], dx[near]) * (sectors / (2.0 * np.pi))))
+        return float(np.median(radius[near])) if near.any() else best, min(seen.size / sectors, 1.0)

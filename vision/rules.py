@@ -16,7 +16,7 @@ from vision.circle import CircleFit
 # Thesis 5.4.2 and 5.4.3, px. A measured radius may differ by the slack at either end.
 VIA_RADIUS_PX = (5.0, 8.0)
 SITE_RADIUS_PX = (14.0, 21.0)
-CLASS_SLACK_PX = 0.7
+CLASS_SLACK_PX = 0.5
 # Thesis 5.4.2 steps 4 and 5.
 LEAST_AREA_PX = 20.0
 THIN_RATIO, THIN_WIDTH_PX, THIN_LENGTH_PX = 5.0, 2.0, 10.0
@@ -25,19 +25,24 @@ EXPECTED_SHARE, EXPECTED_SLACK_PX = 0.12, 1.0
 # Less than this above its surroundings is a trace under the mask, not metal.
 FAINT_CONTRAST = 35.0
 # A contour is a circle if edges lie on this share of what is visible of it, and enough of it is visible.
-ROUND_COVERAGE, LEAST_VISIBLE = 0.70, 0.40
+ROUND_COVERAGE, LEAST_VISIBLE = 0.70, 0.50
+# A circle seen by a camera tilted by up to 38 degrees is no more oval than this (minor over major axis); what is
+# clearly more oval is none, if this share of it is visible.
+LEAST_RATIO, OVAL_RATIO, WHOLE_SHAPE = 0.785, 0.74, 0.75
 # Metal much duller than the brightest round thing beside it may be silkscreen: not taken, not thrown. A circle of which
 # part is hidden must stand out as the brightest does: a stroke of silkscreen cut off by the needle looks like one.
 DULL_SHARE, DULL_CONTRAST_SHARE = 0.55, 0.75
 DULL_STROKE_SHARE = 0.8
 WHOLE_VISIBLE = 0.9
 # A disc fills 0.785 of the smallest rectangle round it; what fills more than this is one.
-ANGULAR_FILL = 0.87
+ANGULAR_FILL = 0.84
 # What goes on beyond a circle as wide as this share of its diameter is a stroke of which the circle is only the end;
 # a trace is narrower than its pad, and a touching pad narrows to nothing where they meet.
 STROKE_NECK = 0.86
 # Between this and that it may be either, so it is not taken.
 WIDEST_TRACE = 0.74
+# Of an object that is the needle, at least this share lies where one may be.
+NEEDLE_SHARE = 0.6
 # Of a taken pad, hole aside, at least this share is bright.
 LEAST_FILL = 0.75
 
@@ -67,7 +72,8 @@ class SeenObject:
     length_px, thickness_px: sides of the smallest rectangle round it. circularity: Heywood's, perimeter over that of a
     disc of the same area (1 = round). boxed: share of that rectangle it fills. fill: bright share of its circle.
     level, contrast: its median brightness, and that above its surroundings. neck: width of the widest bright thing that
-    goes on beyond its circle, over the circle's diameter (0 = nothing). circle, hole: measured on raw pixels.
+    goes on beyond its circle, over the circle's diameter (0 = nothing). in_needle: share of it where an unknown needle
+    may be. circle, hole: measured on raw pixels.
     """
 
     x_px: float
@@ -82,6 +88,7 @@ class SeenObject:
     contrast: float
     neck: float
     touches_border: bool
+    in_needle: float
     circle: CircleFit | None
     hole: Hole | None
     distance_px: float
@@ -133,6 +140,11 @@ def thin(seen: SeenObject, _wanted: Wanted) -> Verdict:
     return Verdict.THROW if seen.circle is None and (long_and_narrow or ratio > THIN_RATIO) else Verdict.PASS
 
 
+def needle(seen: SeenObject, _wanted: Wanted) -> Verdict:
+    """Throw what lies where the needle comes in and is no circle: it is the needle, which nobody described."""
+    return Verdict.THROW if seen.circle is None and seen.in_needle > NEEDLE_SHARE else Verdict.PASS
+
+
 def wrong_size(seen: SeenObject, wanted: Wanted) -> Verdict:
     """Throw round things of another radius than CAD's; without CAD, only those far outside both classes."""
     if seen.circle is None:
@@ -155,6 +167,16 @@ def stroke_end(seen: SeenObject, wanted: Wanted) -> Verdict:
         return Verdict.PASS
     dull = seen.contrast < DULL_STROKE_SHARE * wanted.brightest_contrast
     return Verdict.THROW if seen.neck >= (WIDEST_TRACE if dull else STROKE_NECK) else Verdict.PASS
+
+
+def oval(seen: SeenObject, _wanted: Wanted) -> Verdict:
+    """Throw what is too oval for a circle on the board: the bend or the end of a stroke, a rounded rectangle.
+
+    No camera looks so obliquely. With much of it hidden its shape is not known well enough to say so.
+    """
+    if seen.circle is None or seen.circle.visible < WHOLE_SHAPE:
+        return Verdict.PASS
+    return Verdict.THROW if seen.circle.ratio < OVAL_RATIO else Verdict.PASS
 
 
 def via_with_hole(seen: SeenObject, wanted: Wanted) -> Verdict:
@@ -211,8 +233,10 @@ RULES: tuple[Rule, ...] = (
     faint,
     thin,
     border,
+    needle,
     wrong_size,
     stroke_end,
+    oval,
     via_with_hole,
     via_filled,
     site_with_hole,
@@ -249,7 +273,8 @@ def sound(seen: SeenObject, wanted: Wanted) -> bool:
         return False
     sized = any(low <= seen.circle.radius_px <= high for low, high in wanted.radii_px)
     alone = seen.neck <= WIDEST_TRACE or seen.hole is not None
-    return alone and sized and seen.fill >= LEAST_FILL and not _dull(seen, seen.circle, wanted)
+    shaped = seen.circle.ratio >= LEAST_RATIO and seen.fill >= LEAST_FILL
+    return alone and sized and shaped and not _dull(seen, seen.circle, wanted)
 
 
 def _dull(seen: SeenObject, circle: CircleFit, wanted: Wanted) -> bool:

@@ -10,15 +10,19 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vision.circle import View
+from vision.edgels import LEAST_SLOPE, Edgels, find_edgels
 from vision.image import Gray, check_bgr, check_exposure, check_point, red_signal
+from vision.needle_edges import LEAST_SLOPE as NEEDLE_SLOPE
+from vision.needle_edges import find_needle
 from vision.notfound import NotFound, Reason
+from vision.other_objects import other_objects
 from vision.probe_model import needle_outline
-from vision.rules import RULES, SITE_RADIUS_PX, Decided, Rule, Verdict, Wanted, decide, is_via
-from vision.testpoint_objects import open_window, other_objects, round_objects
+from vision.round_objects import round_objects
+from vision.rules import RULES, SITE_RADIUS_PX, Decided, Rule, Verdict, Wanted, angular, decide, is_round, is_via
 from vision.tip import Tip
+from vision.view import UNKNOWN_VIEW, View
+from vision.window import Window, hide, open_window
 
 # Room beside the largest pad for its edge and surroundings.
 MARGIN_PX = 8
@@ -26,6 +30,8 @@ MARGIN_PX = 8
 AMBIGUOUS_PX = 3.0
 # The needle's outline is trusted to this: its silhouette, its blur, and what it reflects onto.
 NEEDLE_MARGIN_PX = 3.0
+# The same of a needle that was found in the red picture itself.
+SEEN_NEEDLE_MARGIN_PX = 1.3
 # A frame taken without light stays below this everywhere; a bare board under red light does not.
 DARK_LEVEL = 12.0
 LARGEST_RADIUS_PX = 200.0
@@ -38,7 +44,8 @@ class TestPoint:
     """Hold a taken pad: (x_px, y_px) is the target, the hole's centre where it is seen, else the pad's.
 
     radius_px: the pad's semi-major radius; pad_px: its centre; hole_px: the hole's (x, y, radius) or None; sigma_px:
-    1-sigma of each coordinate of the target; visible: share of its contour that nothing hides; rule: what took it.
+    1-sigma of each coordinate of the target; visible: share of its contour that nothing hides; rule: what took it;
+    ratio, minor_rad: minor over major axis of its ellipse, and the minor axis' direction.
     """
 
     __test__ = False  # the name would make pytest collect it
@@ -52,6 +59,8 @@ class TestPoint:
     sigma_px: float
     visible: float
     rule: str
+    ratio: float
+    minor_rad: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +115,7 @@ def find_test_points(
     if problem is not None:
         return _nothing(problem, area)
     if view is None:
-        view = View() if needle is None else View(minor_rad=needle.angle_rad)
+        view = UNKNOWN_VIEW if needle is None else View(minor_rad=needle.angle_rad)
     return _look(plane, area, around, reach_px, radius, needle, view, rules)
 
 
@@ -120,13 +129,18 @@ def _look(
     view: View,
     rules: tuple[Rule, ...],
 ) -> Seen:
-    window = open_window(plane, (area[0], area[1]), around, view, _outline(needle))
-    circles = round_objects(window, Wanted(radius, 0.0))
+    window = open_window(plane, (area[0], area[1]), around, view)
+    edgels = find_edgels(window.clean, LEAST_SLOPE if needle else NEEDLE_SLOPE)
+    window = _behind_needle(window, edgels, needle)
+    strong = edgels.where(edgels.slope > LEAST_SLOPE).outside(window.hidden)
+    circles = round_objects(window, strong, Wanted(radius, 0.0))
     brightest = max(circles, key=lambda seen: seen.level, default=None)
     wanted = Wanted(radius, brightest.level, brightest.contrast) if brightest else Wanted(radius, 0.0)
     decided = [decide(seen, wanted, rules) for seen in circles]
     rest = other_objects(window, [item.object for item in decided if item.verdict is not Verdict.PASS])
-    decided += [decide(seen, wanted, rules) for seen in rest if not _inside(seen.x_px, seen.y_px, decided)]
+    regions = [decide(seen, wanted, rules) for seen in rest]
+    decided = _angular_after_all(decided, regions)
+    decided += [item for item in regions if not _inside(item.object.x_px, item.object.y_px, decided)]
     decided = _apart(decided)
     decided.sort(key=lambda item: item.object.distance_px)
     points = [_point(item, (area[0], area[1])) for item in decided if item.verdict is Verdict.TAKE]
@@ -143,6 +157,24 @@ def _apart(decided: list[Decided]) -> list[Decided]:
         overlapped = item.verdict is not Verdict.THROW and any(_overlap(item, other) for other in kept)
         kept.append(replace(item, verdict=Verdict.THROW, rule="overlapped") if overlapped else item)
     return kept
+
+
+def _angular_after_all(decided: list[Decided], regions: list[Decided]) -> list[Decided]:
+    """Throw a doubtful circle that is only what fits into a rectangle: the region it lies in was thrown as one."""
+    rectangles = [item for item in regions if item.rule == angular.__name__]
+
+    def judged(item: Decided) -> Decided:
+        circle = item.object.circle
+        if item.verdict is not Verdict.PASS or circle is None or is_round(item.object):
+            return item
+        lies_in = any(
+            np.hypot(box.object.x_px - item.object.x_px, box.object.y_px - item.object.y_px) < 0.5 * circle.radius_px
+            and box.object.thickness_px > 1.2 * circle.radius_px
+            for box in rectangles
+        )
+        return replace(item, verdict=Verdict.THROW, rule=angular.__name__) if lies_in else item
+
+    return [judged(item) for item in decided]
 
 
 def _trust(item: Decided) -> float:
@@ -165,10 +197,14 @@ def _inside(x_px: float, y_px: float, decided: list[Decided]) -> bool:
     return any(np.hypot(seen.x_px - x_px, seen.y_px - y_px) < 0.5 * seen.length_px for seen in circles)
 
 
-def _outline(needle: Tip | None) -> NDArray[np.float64] | None:
-    if needle is None:
-        return None
-    return needle_outline((needle.x_px, needle.y_px), needle.angle_rad, needle.shape, NEEDLE_MARGIN_PX)
+def _behind_needle(window: Window, edgels: Edgels, needle: Tip | None) -> Window:
+    """Return the window with what the needle covers hidden: the given needle, or the one that shows in this picture."""
+    if needle is not None:
+        corner = np.array([window.x_px, window.y_px])
+        outline = needle_outline((needle.x_px, needle.y_px), needle.angle_rad, needle.shape, NEEDLE_MARGIN_PX)
+        return hide(window, outline - corner, certain=True)
+    seen = find_needle(edgels, window.around_px, UNKNOWN_VIEW.minor_rad, SEEN_NEEDLE_MARGIN_PX)
+    return window if seen is None else hide(window, seen.outline_px, certain=seen.certain)
 
 
 def _check_radius(radius: float | None) -> float | None:
@@ -189,11 +225,19 @@ def _point(item: Decided, corner: tuple[int, int]) -> TestPoint:
         raise ValueError(f"the rule {item.rule} took an object without a circle: it has no centre to land on")
     pad = circle.x_px + corner[0], circle.y_px + corner[1]
     kind: Literal["via", "site"] = "via" if is_via(item.object) else "site"
-    if hole is None:
-        return TestPoint(*pad, circle.radius_px, kind, pad, None, circle.sigma_px, circle.visible, item.rule)
-    at = hole.x_px + corner[0], hole.y_px + corner[1]
-    hole_px = (*at, hole.radius_px)
-    return TestPoint(*at, circle.radius_px, kind, pad, hole_px, hole.sigma_px, circle.visible, item.rule)
+    at = pad if hole is None else (hole.x_px + corner[0], hole.y_px + corner[1])
+    return TestPoint(
+        *at,
+        circle.radius_px,
+        kind,
+        pad,
+        None if hole is None else (*at, hole.radius_px),
+        circle.sigma_px if hole is None else hole.sigma_px,
+        circle.visible,
+        item.rule,
+        circle.ratio,
+        circle.minor_rad,
+    )
 
 
 def _distance(point: TestPoint, around: tuple[float, float]) -> float:

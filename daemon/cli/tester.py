@@ -7,7 +7,8 @@ from typing import Annotated, Any, Literal
 import typer
 from rich.table import Table
 
-from daemon.cli.output import DEFAULT_ENDPOINT, AsJson, Endpoint, answered, err, fail, out, say_json
+from daemon.cli.output import DEFAULT_ENDPOINT, FAILED, AsJson, Endpoint, answered, err, out, say_json
+from daemon.cli.points import point_option
 from daemon.client import Client, listen
 from daemon.messages import JobResult
 
@@ -29,7 +30,7 @@ def trigger(
 ) -> None:
     """Say that a test point reads open: the daemon looks, corrects, verifies and answers."""
     fields: dict[str, Any] = {"test_point": test_point, "deadline_ms": timeout_s * 1e3}
-    _job("correct", endpoint, as_json=as_json, job_id=job_id, timeout_s=timeout_s + 5, **fields)
+    run_job("correct", endpoint, as_json=as_json, job_id=job_id, timeout_s=timeout_s + 5, **fields)
 
 
 @app.command()
@@ -40,24 +41,13 @@ def place(
     as_json: AsJson = False,
 ) -> None:
     """Put the tip over a test point, at working height."""
-    _job("place", endpoint, as_json=as_json, test_point=test_point, theta_deg=theta_deg)
+    run_job("place", endpoint, as_json=as_json, test_point=test_point, theta_deg=theta_deg)
 
 
 @app.command()
 def home(endpoint: Endpoint = DEFAULT_ENDPOINT, as_json: AsJson = False) -> None:
     """Home all axes."""
-    _job("home", endpoint, as_json=as_json)
-
-
-@app.command()
-def look(
-    test_point: Annotated[str | None, typer.Argument(help="Test point under the tip, if any.")] = None,
-    endpoint: Endpoint = DEFAULT_ENDPOINT,
-    as_json: AsJson = False,
-) -> None:
-    """Take one look where the head is and keep its pictures; nothing moves."""
-    fields: dict[str, Any] = {"test_point": test_point} if test_point else {}
-    _job("look", endpoint, as_json=as_json, pictures=True, **fields)
+    run_job("home", endpoint, as_json=as_json)
 
 
 @app.command()
@@ -72,10 +62,10 @@ def calibrate(
     """Teach the probe's tip from a white picture, or calibrate the map from image to robot."""
     fields: dict[str, Any] = {"what": what, "theta_deg": theta_deg}
     if tip is not None:
-        fields["tip_px"] = _pixel(tip)
+        fields["tip_px"] = point_option(tip, "--tip", FAILED)
     if on is not None:
         fields["test_point"] = on
-    _job("calibrate", endpoint, as_json=as_json, timeout_s=600.0, deadline_ms=600e3, **fields)
+    run_job("calibrate", endpoint, as_json=as_json, timeout_s=600.0, deadline_ms=600e3, **fields)
 
 
 @app.command()
@@ -141,8 +131,8 @@ def _sentence(result: JobResult) -> str:
     return f"[green]{result.outcome}[/]{where}{error}, {result.looks} looks, {result.moves} moves"
 
 
-def _job(op: str, endpoint: str, *, as_json: bool, job_id: str | None = None, timeout_s: float = 120.0,
-         **fields: Any) -> None:  # fmt: skip
+def run_job(op: str, endpoint: str, *, as_json: bool, job_id: str | None = None, timeout_s: float = 120.0,
+            **fields: Any) -> None:  # fmt: skip
     """Run a job, show how it ended, and exit 1 if it failed."""
     with answered(), Client(endpoint, timeout_s=ANSWER_WITHIN_S) as client, err.status(f"{op} ..."):
         client.request("status")
@@ -180,11 +170,3 @@ def _ask(op: str, endpoint: str, *, as_json: bool, **fields: Any) -> None:
             out.print(f"[bold]{key}[/]: {value}", highlight=False, soft_wrap=True)
     if reply.get("last_result"):
         out.print(f"[bold]last result[/]: {_sentence(JobResult.model_validate(reply['last_result']))}", highlight=False)
-
-
-def _pixel(text: str) -> list[float]:
-    try:
-        x, y = (float(v) for v in text.split(","))
-    except ValueError:
-        fail(f"--tip {text!r} is not X,Y", advice="for example --tip 428.0,620.5")
-    return [x, y]

@@ -1,12 +1,13 @@
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
-from vision.circle import CircleFit
+from vision.circle import CircleFit, Contour
 from vision.rules import RULES, Hole, SeenObject, Verdict, Wanted, decide
 
-CIRCLE = CircleFit(50.0, 50.0, 17.0, 0.03, 1.0, 0.95, 0.1, 40.0)
-PAD = SeenObject(50.0, 50.0, 900.0, 34.0, 34.0, 1.0, 0.785, 1.0, 190.0, 150.0, 0.0, False, CIRCLE, None, 5.0)
+CIRCLE = CircleFit(50.0, 50.0, 17.0, 0.87, 1.0, 0.03, 1.0, 0.95, np.ones(48, bool), Contour(50.0, 50.0, 17.0))
+PAD = SeenObject(50.0, 50.0, 900.0, 34.0, 34.0, 1.0, 0.785, 1.0, 190.0, 150.0, 0.0, False, 0.0, CIRCLE, None, 5.0)
 BLOB = replace(PAD, circle=None)
 ANY = Wanted(None, 190.0)
 
@@ -40,6 +41,10 @@ def sized(radius: float, **change: object) -> SeenObject:
         (replace(PAD, fill=0.5), ANY, Verdict.PASS, "no_rule"),
         (replace(PAD, level=90.0), ANY, Verdict.PASS, "no_rule"),
         (replace(PAD, neck=0.75), ANY, Verdict.PASS, "no_rule"),
+        (replace(BLOB, in_needle=0.9), ANY, Verdict.THROW, "needle"),
+        (replace(PAD, circle=replace(CIRCLE, ratio=0.7)), ANY, Verdict.THROW, "oval"),
+        (replace(PAD, circle=replace(CIRCLE, ratio=0.7, visible=0.6)), ANY, Verdict.PASS, "no_rule"),
+        (replace(PAD, circle=replace(CIRCLE, ratio=0.77)), ANY, Verdict.PASS, "no_rule"),
     ],
 )
 def test_each_object_is_decided_by_its_rule(seen: SeenObject, wanted: Wanted, verdict: Verdict, rule: str) -> None:

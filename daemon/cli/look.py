@@ -1,0 +1,123 @@
+"""`reprobe look`: at stored pictures by itself, or through a running daemon's camera."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, NoReturn
+
+import typer
+from rich.markup import escape
+
+from daemon.cli.output import DEFAULT_ENDPOINT, FAILED, USAGE, AsJson, Endpoint, err, fail, out, say_json
+from daemon.cli.picture_files import SUFFIXES, check_target, write_picture
+from daemon.cli.points import point_option
+from daemon.cli.stored_look import Asked, Findings, look_at
+from daemon.cli.tester import run_job
+
+app = typer.Typer()
+
+
+@app.command()
+def look(
+    what: Annotated[
+        str | None, typer.Argument(metavar="[TEST_POINT | PICTURE]", help="Under the tip now; or a stored picture.")
+    ] = None,
+    white: Annotated[Path | None, typer.Option(help="Stored white picture: find the tip in it.")] = None,
+    probe: Annotated[Path | None, typer.Option(help="The taught probe (.npz), for --white.")] = None,
+    red: Annotated[Path | None, typer.Option(help="Stored red picture: find the test points round the tip.")] = None,
+    around: Annotated[str | None, typer.Option(help="Look round X,Y in px instead of round the tip.")] = None,
+    control_point: Annotated[bool, typer.Option("--control-point", help="Find a control point in PICTURE.")] = False,
+    expected_radius_px: Annotated[float | None, typer.Option(help="The pad's radius as CAD has it, px.")] = None,
+    reach_px: Annotated[
+        float | None, typer.Option(help="How far to look: 30 px by default, 60 for a control point.")
+    ] = None,
+    arm_px: Annotated[
+        float | None, typer.Option(help="A control point's arm from its centre, 60 px by default.")
+    ] = None,
+    sheet: Annotated[Path | None, typer.Option("--out", "-o", help="Write an annotated picture here.")] = None,
+    endpoint: Endpoint = DEFAULT_ENDPOINT,
+    as_json: AsJson = False,
+) -> None:
+    """Look at stored pictures and say what is seen; without any, let the daemon take a look where the head is.
+
+    The daemon keeps its pictures and nothing moves. Stored pictures need no daemon: exit code 0 when all that was asked
+    for was found, 1 when not, 2 when something cannot be read or was asked for wrongly.
+    """
+    options = (white, probe, red, around, expected_radius_px, reach_px, arm_px, sheet)
+    if not control_point and all(option is None for option in options):
+        _let_daemon_look(what, endpoint, as_json=as_json)
+        return
+    picture = None if what is None else Path(what)
+    if picture is not None and (white if control_point else red) is not None:
+        _refuse("PICTURE is given twice", f"leave out PICTURE or {'--white' if control_point else '--red'}")
+    point = None if around is None else point_option(around, "--around")
+    of_white, of_red = (white or picture, red) if control_point else (white, red or picture)
+    asked = Asked(of_white, of_red, probe, point, control_point, expected_radius_px, reach_px, arm_px)
+    _refuse_incomplete(asked)
+    if sheet is not None:
+        check_target(sheet, asked.pictures)
+    try:
+        findings = look_at(asked)
+    except ValueError as exc:
+        fail(escape(str(exc)), code=USAGE)
+    if sheet is not None and findings.page is not None:
+        write_picture(sheet, findings.page)
+    _tell(asked, findings, sheet, as_json=as_json)
+
+
+def _let_daemon_look(test_point: str | None, endpoint: str, *, as_json: bool) -> None:
+    if test_point is not None and Path(test_point).suffix.lower() in SUFFIXES:
+        advice = "give --around X,Y (and --control-point for one); for the tip, give it as --white with --probe"
+        _refuse(f"{test_point} is a picture: what is looked for, and where?", advice)
+    fields: dict[str, Any] = {"test_point": test_point} if test_point else {}
+    run_job("look", endpoint, as_json=as_json, pictures=True, **fields)
+
+
+def _refuse_incomplete(asked: Asked) -> None:
+    """End with what to give when the options do not say what to look for, or contradict each other."""
+    if asked.control_point:
+        if (asked.red, asked.probe, asked.expected_radius_px) != (None, None, None):
+            _refuse("a control point is looked for in one white picture", "leave out --red, --probe and the radius")
+        if asked.white is None or asked.around_px is None:
+            _refuse("which picture, and where in it?", "reprobe look PICTURE --control-point --around X,Y")
+        return
+    if asked.arm_px is not None:
+        _refuse("--arm-px is a control point's", "add --control-point")
+    if asked.white is None and asked.red is None:
+        _refuse("which picture?", "give --white with --probe, --red, or a PICTURE with --around X,Y")
+    if (asked.white is None) != (asked.probe is None):
+        _refuse("--white and --probe belong together", "give both; `reprobe teach` makes a probe")
+    if asked.red is None and (asked.around_px, asked.reach_px, asked.expected_radius_px) != (None, None, None):
+        _refuse("--around, --reach-px and --expected-radius-px are for a red picture", "give it with --red")
+    if asked.white is None and asked.around_px is None:
+        _refuse("round which point?", "give --around X,Y, or --white and --probe to look round the tip")
+
+
+def _refuse(problem: str, advice: str) -> NoReturn:
+    fail(escape(problem), advice=escape(advice), code=USAGE)
+
+
+def _tell(asked: Asked, findings: Findings, sheet: Path | None, *, as_json: bool) -> None:
+    """Say what was found, what was not, and where the annotated picture is; exit accordingly."""
+    if as_json:
+        files = {"white": asked.white, "red": asked.red, "probe": asked.probe, "annotated": sheet}
+        named = {name: None if path is None else str(path) for name, path in files.items()}
+        kinds = ("tip", "test_points", "control_point")
+        say_json({"ok": findings.ok, **named, **{kind: findings.facts.get(kind) for kind in kinds}})
+    else:
+        for table in findings.tables:
+            out.print(table)
+        if sheet is not None:
+            out.print(f"annotated picture: {escape(str(sheet))}", highlight=False, soft_wrap=True)
+        _tell_missing(findings, shown=sheet is not None)
+    if not findings.ok:
+        raise typer.Exit(FAILED)
+
+
+def _tell_missing(findings: Findings, *, shown: bool) -> None:
+    for kind, facts in findings.facts.items():
+        if not facts["found"]:
+            what = f"{kind.replace('_', ' ')}: {facts['reason']}, {facts['message']}"
+            err.print(f"[bold red]not found:[/] {escape(what)}", highlight=False, soft_wrap=True)
+    if not findings.ok and not shown:
+        err.print("  [dim]->[/] add --out look.png to see what was seen", highlight=False)
