@@ -1,8 +1,9 @@
 # Everything sets itself up: python3 (3.11 or newer), make and a package index are all that is needed.
 PY := .venv/bin/python
 STAMP := .venv/.installed
+BENCH_STAMP := .venv/.bench-installed
 
-.PHONY: demo test check lint types contract requirements clean
+.PHONY: demo test check lint types contract bench-vision requirements clean
 
 demo: $(STAMP)
 	$(PY) -m daemon.cli demo $(DEMO_ARGS)
@@ -22,10 +23,18 @@ contract: $(STAMP)
 
 check: lint types contract test
 
+# BENCH_ARGS="tip --scenes 200 --plots out/bench" for less than everything.
+bench-vision: $(BENCH_STAMP)
+	$(PY) -m tests.bench.vision $(BENCH_ARGS)
+
 $(STAMP): requirements/dev.txt pyproject.toml
 	test -x $(PY) || python3 -m venv .venv
 	$(PY) -m pip install -q --disable-pip-version-check --require-hashes -r requirements/dev.txt
 	$(PY) -m pip install -q --disable-pip-version-check --no-deps --no-build-isolation -e .
+	touch $@
+
+$(BENCH_STAMP): requirements/bench.txt $(STAMP)
+	$(PY) -m pip install -q --disable-pip-version-check --require-hashes -r requirements/bench.txt
 	touch $@
 
 # Run after changing the dependencies in pyproject.toml; commit the result.
@@ -33,6 +42,7 @@ UV_COMPILE := .venv/bin/uv pip compile -q --generate-hashes --python-version 3.1
 requirements: $(STAMP)
 	$(UV_COMPILE) -o requirements/station.txt
 	$(UV_COMPILE) --extra sim --extra dev -o requirements/dev.txt
+	$(UV_COMPILE) --extra bench --constraint requirements/dev.txt -o requirements/bench.txt
 
 clean:
 	rm -rf .venv out
