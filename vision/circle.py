@@ -7,6 +7,7 @@ afterwards measured on the pixels themselves (`disc`).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,9 +43,10 @@ class Contour:
 
     def ellipse(self, view: View) -> tuple[float, float, float]:
         """Return (semi-major px, minor over major, direction of the minor axis in rad) in the picture."""
-        phi: Floats = np.arange(16, dtype=np.float64) * (np.pi / 8.0)
-        radius = self.radius_px + self.cos2_px * np.cos(2.0 * phi) + self.sin2_px * np.sin(2.0 * phi)
-        return ellipse_of(np.stack(view.to_image(0.0, 0.0, radius, phi), axis=1))
+        size, turn = math.hypot(self.cos2_px, self.sin2_px), 0.5 * math.atan2(self.sin2_px, self.cos2_px)
+        c, s = math.cos(turn), math.sin(turn)
+        one, other = self.radius_px + size, self.radius_px - size
+        return ellipse_of(view.unflattening() @ np.array([[c * one, -s * other], [s * one, c * other]]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +109,9 @@ def fit_circle(
             return None
         here = np.array([0.0, 0.0, 0.0, contour.cos2_px, contour.sin2_px])
         target = ring.off_px + ring.design()[:, 3:] @ here[3:]
-        fit = robust_fit(ring.design(), target, prior, floor=0.05, ceiling=max(0.3, 0.02 * seed.radius_px), rounds=3)
+        fit = robust_fit(
+            ring.design(), target, prior, floor=0.05, ceiling=max(0.3, 0.02 * seed.radius_px), rounds=2 + (turn == 0)
+        )
         moved = view.unflattening() @ fit.parameters[1:3]
         contour = Contour(
             contour.x_px + float(moved[0]),

@@ -20,6 +20,10 @@ from vision.view import View
 LEAST_VOTE, LEAST_SHARE = 0.22, 0.38
 # Places looked at in each band of radii.
 MOST_PEAKS = 7
+# Fewer edge points make no circle; circles up to this radius are told apart by 3 px, larger ones by 5.
+LEAST_POINTS, SMALL_PX = 6, 9.0
+# A second circle about the same centre shows at least this much of what the first does.
+MOST_RADII, SECOND_SHARE = 2, 0.5
 # An edge points at its circle's centre to this (cosine): noise, blur, and an ellipse of another ratio.
 LEAST_AIM = 0.85
 
@@ -35,12 +39,16 @@ class Seed:
 
 
 def seeds(edgels: Edgels, shape: tuple[int, int], bands_px: Iterable[tuple[float, float]], view: View) -> list[Seed]:
-    """Return bright discs proposed in a picture of `shape` (H, W), for each band (least, most radius), best first."""
-    if edgels.x_px.size < 8:
+    """Return bright discs proposed in a picture of `shape` (H, W), for each band (least, most radius), best first.
+
+    Of circles about one centre the outermost comes first: what lies inside of a disc belongs to it.
+    """
+    if edgels.x_px.size < LEAST_POINTS:
         return []
     on_board = _Board(edgels, shape, view)
-    found = [seed for band in bands_px for seed in on_board.peaks(*band)]
-    return sorted(found, key=lambda seed: -seed.share)
+    groups = [group for band in bands_px for group in on_board.peaks(*band)]
+    groups.sort(key=lambda group: -max(seed.share for seed in group))
+    return [seed for group in groups for seed in sorted(group, key=lambda seed: -seed.radius_px)]
 
 
 class _Board:
@@ -59,20 +67,21 @@ class _Board:
         aims = self.unflattening.astype(np.float32) @ np.stack([edgels.toward_x, edgels.toward_y])
         self.aims = aims / np.hypot(aims[0], aims[1])
 
-    def peaks(self, least_px: float, most_px: float) -> list[Seed]:
+    def peaks(self, least_px: float, most_px: float) -> list[list[Seed]]:
+        """Return the places most edge points aim at, each with its one or two circles."""
         votes = self._vote(least_px, most_px)
-        found: list[Seed] = []
+        found: list[list[Seed]] = []
         for _ in range(MOST_PEAKS):
             y, x = divmod(int(np.argmax(votes)), self.width)
             if votes[y, x] < LEAST_VOTE:
                 break
-            radius, share = self._radius(float(x), float(y), least_px, most_px)
+            shown = [item for item in self._radii(float(x), float(y), least_px, most_px) if item[1] >= LEAST_SHARE]
             # A found circle's neighbourhood points at it too; pads that touch are two radii apart.
-            done = 0.7 * radius if share >= LEAST_SHARE else 0.35 * least_px
+            done = 0.7 * max(radius for radius, _ in shown) if shown else 0.35 * least_px
             cv2.circle(votes, (x, y), max(int(done), 2), (0.0,), -1)
-            if share >= LEAST_SHARE:
-                at = self.unflattening @ (np.array([x, y]) + self.origin)
-                found.append(Seed(float(at[0]), float(at[1]), radius, share))
+            at = self.unflattening @ (np.array([x, y]) + self.origin)
+            if shown:
+                found.append([Seed(float(at[0]), float(at[1]), radius, share) for radius, share in shown])
         return found
 
     def _vote(self, least_px: float, most_px: float) -> NDArray[np.float32]:
@@ -89,20 +98,28 @@ class _Board:
         spread = 2 * int(1.0 + 0.08 * 0.5 * (least_px + most_px)) + 1
         return np.asarray(cv2.blur(votes, (spread, spread), borderType=cv2.BORDER_CONSTANT), np.float32) * spread
 
-    def _radius(self, x: float, y: float, least_px: float, most_px: float) -> tuple[float, float]:
-        """Return the radius at which most of a circle about a place shows, and the share that does."""
+    def _radii(self, x: float, y: float, least_px: float, most_px: float) -> list[tuple[float, float]]:
+        """Return up to two (radius, share of it that shows) of circles about a place: a ring may lie round a disc."""
         dx, dy = self.places[0] - x, self.places[1] - y
         radius = np.hypot(dx, dy)
         good = (radius > least_px - 1.0) & (radius < most_px + 1.0)
         dx, dy, radius = dx[good], dy[good], radius[good]
         aimed = -(dx * self.aims[0][good] + dy * self.aims[1][good]) > LEAST_AIM * radius
         dx, dy, radius = dx[aimed], dy[aimed], radius[aimed]
-        if radius.size < 6:
-            return 0.0, 0.0
+        if radius.size < LEAST_POINTS:
+            return []
         counted = np.bincount(radius.astype(np.intp), weights=1.0 / radius, minlength=3)
-        shown = np.convolve(counted, np.ones(5 if least_px > 9.0 else 3), mode="same")
-        best = float(np.argmax(shown)) + 0.5
-        near = np.abs(radius - best) < 1.5 + 0.06 * best
-        sectors = min(max(int(2.5 * best), 12), 48)
-        seen = np.unique(np.floor(np.arctan2(dy[near], dx[near]) * (sectors / (2.0 * np.pi))))
-        return float(np.median(radius[near])) if near.any() else best, min(seen.size / sectors, 1.0)
+        shown = np.convolve(counted, np.ones(5 if least_px > SMALL_PX else 3), mode="same")
+        angle = np.arctan2(dy, dx)
+        found: list[tuple[float, float]] = []
+        best = int(np.argmax(shown))
+        level = float(shown[best])
+        while len(found) < MOST_RADII and shown[best] > SECOND_SHARE * level:
+            middle = best + 0.5
+            near = np.abs(radius - middle) < 1.5 + 0.06 * middle
+            sectors = min(max(int(2.5 * middle), 12), 48)
+            seen = np.unique(np.floor(angle[near] * (sectors / (2.0 * np.pi)))).size
+            found.append((float(np.median(radius[near])) if seen else middle, min(seen / sectors, 1.0)))
+            shown[max(int(0.8 * best) - 1, 0) : int(1.25 * best) + 2] = 0.0
+            best = int(np.argmax(shown))
+        return found

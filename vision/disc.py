@@ -20,9 +20,13 @@ from vision.image import Plane
 from vision.view import View
 
 Flags = NDArray[np.bool_]
+# Pixels this near the rim tell of its place.
+EDGE_PX = 3.0
 # Pixels this near an edge are asked: the nearest tell of its place, the farther ones of how the levels slope.
 INSIDE_PX, OUTSIDE_PX = 7.0, 5.0
 ROUNDS = 5
+# A pixel counts as badly explained up to this many levels.
+MOST_MISFIT = 25.0
 # Half a grey level is what rounding alone leaves.
 LEAST_NOISE = 0.4
 LEAST_BLUR_PX, MOST_BLUR_PX = 0.35, 3.0
@@ -34,7 +38,7 @@ LEAST_PIXELS = 40
 # Levels may slope by about this share of the step in a px (1-sigma).
 LEVEL_SLOPE = 0.006
 # A step this small ends the search.
-SETTLED_PX = 0.008
+SETTLED_PX = 0.012
 # Interpolation, demosaicking and JPEG leave about this, whatever the noise.
 SYSTEMATIC_SIGMA_PX = 0.012
 
@@ -45,7 +49,8 @@ class DiscFit:
 
     sigma_px: 1-sigma of each coordinate of the contour's centre, and of the hole's. step: levels by which the disc
     stands above its surroundings; hole_step: by which the hole lies below the disc (0 without one). blur_px: Gaussian
-    sigma of the edge; noise: residual scale in levels; agree: share (0..1) of pixels that the model explains.
+    sigma of the edge; noise: residual scale in levels; agree: share (0..1) of pixels that the model explains; misfit:
+    sum of squared residuals in levels, each bounded, for comparing two models of the same pixels.
     """
 
     contour: Contour
@@ -57,6 +62,7 @@ class DiscFit:
     blur_px: float
     noise: float
     agree: float
+    misfit: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +100,7 @@ def measure_disc(
     if found is None or found[3] < LEAST_AGREE:
         return None
     state, covariance, noise, agree = found
+    residual = pixels.level - _linearise(pixels, state)[1]
     contour, bore = _contours(state)
     return DiscFit(
         _in_picture(contour, disc, view),
@@ -105,6 +112,7 @@ def measure_disc(
         float(state[BLUR]),
         noise,
         agree,
+        float(np.sum(np.minimum(np.square(residual), MOST_MISFIT**2))),
     )
 
 
@@ -141,10 +149,15 @@ def _choose(
     near = (off < OUTSIDE_PX) & (off > -INSIDE_PX)
     sector = np.floor(np.arctan2(v[near], u[near]) * (sectors.size / (2.0 * np.pi))).astype(np.intp) % sectors.size
     near[near] = sectors[sector]
+    edge = np.abs(off) < EDGE_PX
     if hole is not None:
         at = linear @ np.array([hole.x_px - disc.x_px, hole.y_px - disc.y_px])
-        near |= (np.hypot(u - at[0], v - at[1]) < hole.radius_px + OUTSIDE_PX) & (off < 0.0)
+        from_hole = np.hypot(u - at[0], v - at[1]) - hole.radius_px
+        near |= (from_hole < OUTSIDE_PX) & (off < 0.0)
+        edge |= np.abs(from_hole) < EDGE_PX
     near &= usable[y1:y2, x1:x2]
+    # Of the pixels that only tell of the levels, every other one will do.
+    near &= edge | ((np.arange(x1, x2)[None, :] + np.arange(y1, y2)[:, None]) % 2 == 0)
     c, s = c[near], s[near]
     # d(rho)/d(image) across the edge: the flattened pixel is longer along the minor axis.
     slope = np.hypot(linear[0, 0] * c + linear[1, 0] * s, linear[0, 1] * c + linear[1, 1] * s)
@@ -252,7 +265,7 @@ def _iterate(pixels: _Pixels, start: Floats, view: View) -> tuple[Floats, Floats
         state = state + step
         if not _plausible(state, start):
             return None
-        if turn > 1 and float(np.abs(step[RADIUS : RADIUS + 3]).max()) < SETTLED_PX:
+        if turn and float(np.abs(step[RADIUS : RADIUS + 3]).max()) < SETTLED_PX:
             break
     return state, np.asarray(np.linalg.inv(normal) * noise**2), noise, float(np.mean(weights > 0.3))
 

@@ -28,6 +28,8 @@ TURN = np.arange(-0.10, 0.101, 0.02)
 NEAR_PX = 1.1
 # Share of the length along which each edge must show, and both together.
 LEAST_EACH, LEAST_BOTH = 0.25, 1.0
+# Two lines that hardly spread are the edges of the streak.
+LEAST_TAPER = 0.05
 # Share of the length along which a streak must show when the edges do not.
 LEAST_STREAK = 0.8
 # Edges weaker than those of pads are asked here: dim metal before a dark board, levels per px.
@@ -70,7 +72,7 @@ def find_needle(
         return np.stack([tip_px[0] + along * c - off * s, tip_px[1] + along * s + off * c], axis=1)
 
     (end, taper, turn), shown = _wedge(behind, beside)
-    if min(shown) >= LEAST_EACH and sum(shown) >= LEAST_BOTH:
+    if min(shown) >= LEAST_EACH and sum(shown) >= LEAST_BOTH and taper > LEAST_TAPER:
         return SeenNeedle(outline(end, taper, turn), certain=True)
     if _streak(behind, beside) < LEAST_STREAK:
         return None

@@ -15,7 +15,17 @@ from vision.circle_seeds import seeds
 from vision.disc import DiscFit, measure_disc
 from vision.edgels import Edgels
 from vision.image import Plane
-from vision.rules import LEAST_FILL, LEAST_RATIO, WHOLE_VISIBLE, Hole, SeenObject, Wanted, is_round
+from vision.rules import (
+    LEAST_FILL,
+    LEAST_RATIO,
+    LEAST_VISIBLE,
+    STROKE_NECK,
+    WHOLE_VISIBLE,
+    Hole,
+    SeenObject,
+    Wanted,
+    is_round,
+)
 from vision.segment import components
 from vision.view import View
 from vision.window import Flags, Window
@@ -35,14 +45,18 @@ HOLE_LEAST, HOLE_LARGEST, HOLE_WANDER = 0.12, 0.62, 0.32
 HOLE_WITH_EDGE_PX, HOLE_VISIBLE, HOLE_COVERAGE = 3.6, 0.45, 0.55
 # A whole circle tells the shape of the others beside it to this share of the radius, if as much edge lies on it.
 REFERENCE_SIGMA, TOLD_COVERAGE = 0.015, 0.9
+# Two measurements of one circle agree to this, px, and three sigma.
+AGREE_PX = 0.1
 # What lies this near a whole circle is the other's blur.
 TOUCHING_PX = 2
 # Of pads smaller than this the middle may be a hole though it is not dark: duller than the ring by this share.
 DIP_RADIUS_PX, DIP_SHARE = 10.0, 0.12
+# The hole of a small pad must explain the pixels better by this much: chi square of four parameters, far out.
+HOLE_EVIDENCE = 30.0
 # Levels are taken where nothing can stand in front, if that is this share of the disc or more.
 LEAST_CLEAR = 0.3
-# A measured disc that differs from its edge points by more than this is something else, px.
-MOST_REFINED_PX = 1.0
+# A measured disc that differs from its edge points by more than this (px, or share of the radius) is something else.
+MOST_REFINED_PX, MOST_REFINED_SHARE = 1.0, 0.07
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +93,8 @@ def round_objects(window: Window, edgels: Edgels, wanted: Wanted) -> list[SeenOb
         if _whole(seen):
             found = [other for other in found if other.circle and not _within(_centre(other.circle), circle)]
         found.append(seen)
+    if window.maybe_hidden.any():
+        found = [_without_doubt(window, edgels, seen) for seen in found]
     found = _again(window, edgels, found)
     done = blackened(window, [seen for seen in found if _whole(seen)])
     kept = [seen for seen in found if _whole(seen) or not _part_of_larger(window, seen, done)]
@@ -95,6 +111,26 @@ def blackened(window: Window, discs: Iterable[SeenObject], margin_px: int = 3) -
             at = round(circle.x_px), round(circle.y_px)
             cv2.ellipse(done, at, axes, float(np.degrees(circle.minor_rad)), 0.0, 360.0, (1,), -1)
     return done
+
+
+def _without_doubt(window: Window, edgels: Edgels, seen: SeenObject) -> SeenObject:
+    """Return a circle as it is where nothing can stand before it, unless what may be hidden says the same.
+
+    The edge of a needle across a pad lies near the pad's own: where they disagree, the pad's is the one far from it.
+    """
+    circle = seen.circle
+    if circle is None:
+        return seen
+    clear = replace(window, hidden=window.hidden | window.maybe_hidden, maybe_hidden=np.zeros_like(window.maybe_hidden))
+    points = edgels.outside(clear.hidden)
+    other = _fit(clear, points, Contour(circle.x_px, circle.y_px, circle.radius_px))
+    if other is None or other.visible < LEAST_VISIBLE or other.coverage < circle.coverage:
+        return seen
+    strict = _describe(clear, points, other)
+    if strict.circle is None:
+        return seen
+    apart = np.hypot(strict.circle.x_px - circle.x_px, strict.circle.y_px - circle.y_px)
+    return strict if apart > AGREE_PX + 3.0 * strict.circle.sigma_px else seen
 
 
 def _again(window: Window, edgels: Edgels, found: list[SeenObject]) -> list[SeenObject]:
@@ -151,7 +187,8 @@ def _part_of_larger(window: Window, seen: SeenObject, done: NDArray[np.uint8]) -
 
 
 def _whole(seen: SeenObject) -> bool:
-    return is_round(seen) and seen.fill >= LEAST_FILL
+    """Tell whether an object is a disc to its rim: what goes on all round it is only the middle of one."""
+    return is_round(seen) and seen.fill >= LEAST_FILL and (seen.neck < STROKE_NECK or seen.hole is not None)
 
 
 def _centre(circle: CircleFit) -> tuple[float, float]:
@@ -184,13 +221,15 @@ def _describe(window: Window, edgels: Edgels, circle: CircleFit) -> SeenObject:
     disc, ring = patch.level[inside & clear], patch.level[around & clear]
     level = middle(disc, 0.65) if disc.size else 0.0
     floor = middle(ring, 0.4) if ring.size else window.board_level
-    hole, measured = None, None
+    idea, hole, measured = None, None, None
     if circle.coverage >= LISTED_COVERAGE and level > floor:
         idea = _find_hole(window, edgels, circle, patch, level - floor, level)
         hole, measured = _measure(window, circle, idea)
     body = inside & clear
-    if hole is not None:
-        body &= patch.at(hole.x_px, hole.y_px) > hole.radius_px + 1.5
+    # Dark middles that could not be measured, seen obliquely through a thick board, are holes all the same.
+    bore = hole or idea
+    if bore is not None:
+        body &= patch.at(bore.x_px, bore.y_px) > bore.radius_px + 1.5
     fill = float(np.mean(patch.level[body] > (level + floor) / 2.0)) if np.any(body) else 0.0
     if measured is not None:
         circle = measured
@@ -248,10 +287,16 @@ def _measure(window: Window, circle: CircleFit, idea: Contour | None) -> tuple[H
     fit = attempt(idea) if idea is not None else None
     if fit is None or fit.hole_step < HOLE_STEP * fit.step:
         fit = attempt(None)
+    elif circle.radius_px < DIP_RADIUS_PX:
+        plain = attempt(None)
+        if plain is not None and plain.misfit - fit.misfit < HOLE_EVIDENCE * fit.noise**2:
+            fit = plain
     if fit is None:
         return None, None
     contour = fit.contour
-    if np.hypot(contour.x_px - circle.x_px, contour.y_px - circle.y_px) > MOST_REFINED_PX:
+    moved = np.hypot(contour.x_px - circle.x_px, contour.y_px - circle.y_px)
+    grown = abs(contour.radius_px - circle.contour.radius_px)
+    if max(moved, grown) > max(MOST_REFINED_PX, MOST_REFINED_SHARE * circle.radius_px):
         return None, None
     radius, ratio, minor = contour.ellipse(window.view)
     better = replace(
@@ -278,6 +323,8 @@ def _neck(window: Window, circle: CircleFit, threshold: float) -> float:
     columns = np.clip(np.rint(xs).astype(np.intp), 0, window.shape[1] - 1)
     hidden = window.hidden[rows, columns] | window.maybe_hidden[rows, columns]
     bright = (window.smooth[rows, columns] > threshold) & ~window.hidden[rows, columns]
+    if not bright.any():
+        return 0.0
     # Whatever goes on does so on every ring; the narrowest of its widths tells a touching pad from a stroke.
     return min(
         _widest(_behind(on_ring, unseen)) * ring
@@ -316,14 +363,15 @@ def _find_hole(
     """Return a first idea of the dark hole inside a circle, or None where none is seen."""
     # Nearer the rim than this the blur alone is dark.
     inner = 1.0 - 1.2 / circle.radius_px
-    dark = patch.free & (patch.rho < inner) & (patch.level < level - max(HOLE_DEPTH * step, 15.0))
+    seen = patch.free & ~window.maybe_hidden[_box(patch)]
+    dark = seen & (patch.rho < inner) & (patch.level < level - max(HOLE_DEPTH * step, 15.0))
     for region in components(dark.astype(np.uint8), 3):
         rows, columns = np.nonzero(region.mask)
         x, y = patch.x_px + region.box[0] + float(np.mean(columns)), patch.y_px + region.box[1] + float(np.mean(rows))
         radius = float(np.sqrt(region.area_px / np.pi / circle.ratio))
         idea = Contour(x, y, max(radius, 1.0))
         if radius >= HOLE_WITH_EDGE_PX:
-            # A needle may stand before part of it, or be dark itself: the hole is where a circle lies on its edge.
+            # A needle may stand before part of it: the hole is where a circle lies on its edge.
             rim = _hole_rim(window, edgels, idea)
             if rim is None:
                 continue

@@ -29,6 +29,8 @@ ROUND_COVERAGE, LEAST_VISIBLE = 0.70, 0.50
 # A circle seen by a camera tilted by up to 38 degrees is no more oval than this (minor over major axis); what is
 # clearly more oval is none, if this share of it is visible.
 LEAST_RATIO, OVAL_RATIO, WHOLE_SHAPE = 0.785, 0.74, 0.75
+# What the others' brightness is held against is round all over and stands alone.
+CLEAR_COVERAGE, CLEAR_NECK = 0.9, 0.4
 # Metal much duller than the brightest round thing beside it may be silkscreen: not taken, not thrown. A circle of which
 # part is hidden must stand out as the brightest does: a stroke of silkscreen cut off by the needle looks like one.
 DULL_SHARE, DULL_CONTRAST_SHARE = 0.55, 0.75
@@ -260,6 +262,14 @@ def decide(seen: SeenObject, wanted: Wanted, rules: tuple[Rule, ...] = RULES) ->
 def is_round(seen: SeenObject) -> bool:
     """Tell whether a circle lies on enough of the object's visible edge."""
     return seen.circle is not None and seen.circle.coverage >= ROUND_COVERAGE and seen.circle.visible >= LEAST_VISIBLE
+
+
+def is_clear(seen: SeenObject) -> bool:
+    """Tell whether an object is a round thing beyond doubt: nothing goes on from it, nothing hides it."""
+    circle = seen.circle
+    if circle is None or circle.ratio < LEAST_RATIO or circle.visible < WHOLE_VISIBLE:
+        return False
+    return circle.coverage >= CLEAR_COVERAGE and seen.neck < CLEAR_NECK and seen.fill >= LEAST_FILL
 
 
 def is_via(seen: SeenObject) -> bool:

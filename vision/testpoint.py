@@ -19,7 +19,20 @@ from vision.notfound import NotFound, Reason
 from vision.other_objects import other_objects
 from vision.probe_model import needle_outline
 from vision.round_objects import round_objects
-from vision.rules import RULES, SITE_RADIUS_PX, Decided, Rule, Verdict, Wanted, angular, decide, is_round, is_via
+from vision.rules import (
+    RULES,
+    SITE_RADIUS_PX,
+    Decided,
+    Rule,
+    SeenObject,
+    Verdict,
+    Wanted,
+    angular,
+    decide,
+    is_clear,
+    is_round,
+    is_via,
+)
 from vision.tip import Tip
 from vision.view import UNKNOWN_VIEW, View
 from vision.window import Window, hide, open_window
@@ -28,6 +41,8 @@ from vision.window import Window, hide, open_window
 MARGIN_PX = 8
 # Two candidates whose distances to the tip differ by less than this cannot be told apart by distance.
 AMBIGUOUS_PX = 3.0
+# Of two round things the smaller is compared with the other down to this share of its diameter.
+LIKE_SIZE = 0.75
 # The needle's outline is trusted to this: its silhouette, its blur, and what it reflects onto.
 NEEDLE_MARGIN_PX = 3.0
 # The same of a needle that was found in the red picture itself.
@@ -35,8 +50,9 @@ SEEN_NEEDLE_MARGIN_PX = 1.3
 # A frame taken without light stays below this everywhere; a bare board under red light does not.
 DARK_LEVEL = 12.0
 LARGEST_RADIUS_PX = 200.0
-# Two pads whose centres are nearer than this share of the sum of their radii would lie on each other.
-OVERLAP_SHARE = 0.78
+# Two pads whose centres are nearer than this share of the sum of their radii would lie on each other. A doubtful one is
+# explained by a pad only if it lies within it.
+OVERLAP_SHARE, EXPLAINED_SHARE = 0.78, 0.55
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,11 +150,9 @@ def _look(
     window = _behind_needle(window, edgels, needle)
     strong = edgels.where(edgels.slope > LEAST_SLOPE).outside(window.hidden)
     circles = round_objects(window, strong, Wanted(radius, 0.0))
-    brightest = max(circles, key=lambda seen: seen.level, default=None)
-    wanted = Wanted(radius, brightest.level, brightest.contrast) if brightest else Wanted(radius, 0.0)
-    decided = [decide(seen, wanted, rules) for seen in circles]
+    decided = [decide(seen, _wanted(seen, circles, radius), rules) for seen in circles]
     rest = other_objects(window, [item.object for item in decided if item.verdict is not Verdict.PASS])
-    regions = [decide(seen, wanted, rules) for seen in rest]
+    regions = [decide(seen, Wanted(radius, 0.0), rules) for seen in rest]
     decided = _angular_after_all(decided, regions)
     decided += [item for item in regions if not _inside(item.object.x_px, item.object.y_px, decided)]
     decided = _apart(decided)
@@ -186,7 +200,8 @@ def _overlap(item: Decided, other: Decided) -> bool:
     one, two = item.object, other.object
     if other.verdict is not Verdict.TAKE or one.circle is None or two.circle is None:
         return False
-    reach = OVERLAP_SHARE * (one.circle.radius_px + two.circle.radius_px)
+    share = EXPLAINED_SHARE if item.verdict is Verdict.PASS else OVERLAP_SHARE
+    reach = share * (one.circle.radius_px + two.circle.radius_px)
     # Seen obliquely, touching pads are nearer in the picture along the minor axis: the share leaves room for that.
     return float(np.hypot(one.x_px - two.x_px, one.y_px - two.y_px)) < reach
 
@@ -195,6 +210,16 @@ def _inside(x_px: float, y_px: float, decided: list[Decided]) -> bool:
     """Tell whether a point lies in a circle that is already listed (a region is then the same thing once more)."""
     circles = [item.object for item in decided if item.object.circle is not None]
     return any(np.hypot(seen.x_px - x_px, seen.y_px - y_px) < 0.5 * seen.length_px for seen in circles)
+
+
+def _wanted(seen: SeenObject, circles: list[SeenObject], radius: float | None) -> Wanted:
+    """Return what an object is held against: CAD's radius, and the brightest clear pad of its size or larger.
+
+    Bright lettering has round counters and dots too; they say nothing of how bright a larger pad should be.
+    """
+    clear = [other for other in circles if is_clear(other) and other.length_px > LIKE_SIZE * seen.length_px]
+    brightest = max(clear, key=lambda other: other.level, default=None)
+    return Wanted(radius, brightest.level, brightest.contrast) if brightest else Wanted(radius, 0.0)
 
 
 def _behind_needle(window: Window, edgels: Edgels, needle: Tip | None) -> Window:

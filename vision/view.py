@@ -5,7 +5,9 @@ A circle on the board is an ellipse in the picture whose minor axis lies along t
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,30 +34,31 @@ class View:
 
     def flattening(self) -> Floats:
         """Return the (2, 2) matrix that turns image offsets into offsets on the board, in semi-major px."""
-        return self._stretch(1.0 / self.ratio)
+        return _stretch(self.minor_rad, 1.0 / self.ratio)
 
     def unflattening(self) -> Floats:
         """Return the (2, 2) matrix that turns offsets on the board into image offsets."""
-        return self._stretch(self.ratio)
+        return _stretch(self.minor_rad, self.ratio)
 
-    def _stretch(self, factor: float) -> Floats:
-        minor = np.array([np.cos(self.minor_rad), np.sin(self.minor_rad)])
-        return np.asarray(np.eye(2) + (factor - 1.0) * np.outer(minor, minor))
+
+@lru_cache(maxsize=64)
+def _stretch(along_rad: float, factor: float) -> Floats:
+    """Return the matrix (2, 2) that stretches by a factor along a direction."""
+    along = np.array([np.cos(along_rad), np.sin(along_rad)])
+    matrix: Floats = np.eye(2) + (factor - 1.0) * np.outer(along, along)
+    matrix.flags.writeable = False
+    return matrix
 
 
 # Nothing is known of the camera: between a square view and the thesis' oblique one, and either may be true.
 UNKNOWN_VIEW = View(ratio=0.935, shape_sigma=0.06)
 
 
-def ellipse_of(shape: Floats) -> tuple[float, float, float]:
-    """Return (semi-major, minor over major, direction of the minor axis in rad) of contour offsets (N, 2) px.
-
-    The least-squares conic x^T A x = 1 about the origin; N >= 3 points that go round it.
-    """
-    x, y = shape[:, 0], shape[:, 1]
-    design = np.stack([x * x, 2.0 * x * y, y * y], axis=1)
-    a, b, c = (float(v) for v in np.linalg.solve(design.T @ design, design.sum(axis=0)))
-    values, vectors = np.linalg.eigh(np.array([[a, b], [b, c]]))
-    least, most = max(float(values[0]), 1e-12), max(float(values[1]), 1e-12)
-    direction = float(np.arctan2(vectors[1, 1], vectors[0, 1]))
-    return 1.0 / least**0.5, (least / most) ** 0.5, direction % np.pi
+def ellipse_of(matrix: Floats) -> tuple[float, float, float]:
+    """Return (semi-major, minor over major, direction of the minor axis in rad) of the unit circle under (2, 2)."""
+    (a, b), (c, d) = matrix.tolist()
+    xx, xy, yy = a * a + b * b, a * c + b * d, c * c + d * d
+    mean, half = (xx + yy) / 2.0, math.hypot((xx - yy) / 2.0, xy)
+    most, least = math.sqrt(mean + half), math.sqrt(max(mean - half, 0.0))
+    major = 0.5 * math.atan2(2.0 * xy, xx - yy)
+    return most, least / max(most, 1e-12), (major + math.pi / 2.0) % math.pi

@@ -25,7 +25,7 @@ def _near(picture: np.ndarray, colour: Colour) -> np.ndarray:
 
 
 def _crowd(canvas: Canvas, rng: np.random.Generator) -> None:
-    for _ in range(30):
+    for _ in range(60):
         at = NOMINAL_TIP[0] + rng.uniform(-58, 58), NOMINAL_TIP[1] + rng.uniform(-58, 58)
         if rng.random() < 0.5:
             canvas.paint(canvas.ellipse(*at, rng.uniform(1.5, 3.5), 0.87, AXIS_DEG), 160.0)
