@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision.image import check_bgr, check_point, despike, gray, median
+from vision.tip_silhouette import Silhouette
 from vision.tip_strip import NeedleShape
 from vision.tip_teach import AXIS_HINT_RAD, measure
 
@@ -21,7 +22,7 @@ TEMPLATE_WIDTH_PX, TEMPLATE_HEIGHT_PX = 116, 220
 TEMPLATE_BELOW_TIP_PX = 8
 # The end rides on the head as the camera does: it flexes by pixels, so the search stays this close to its taught place.
 SEARCH_REACH_PX = 28
-VERSION = 1
+VERSION = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +30,7 @@ class ProbeModel:
     """Hold a taught needle. Make one with `teach`, keep it with `save`, get it back with `load`.
 
     tip_px: taught end (x, y); angle_rad: direction of the needle towards its end; h_px: lower rim to end along it;
+    shape: its sizes; outline: where its edges were seen, row by row;
     template: (220, 116) uint8 of the median-filtered picture, its top-left pixel at `corner_px`; template_mask: 255
     where the needle is; rim_form_px: lower rim's form over the needle's middle; frame_px: (width, height) taught in.
     """
@@ -36,6 +38,7 @@ class ProbeModel:
     tip_px: tuple[float, float]
     angle_rad: float
     shape: NeedleShape
+    outline: Silhouette
     rim_form_px: NDArray[np.float64]
     template: NDArray[np.uint8]
     template_mask: NDArray[np.uint8]
@@ -83,6 +86,7 @@ class ProbeModel:
             (taught.x_px, taught.y_px),
             taught.angle_rad,
             taught.shape,
+            taught.outline,
             taught.rim_form_px,
             np.ascontiguousarray(median(plane, 7)[part]),
             mask,
@@ -99,6 +103,7 @@ class ProbeModel:
             "tip_px": self.tip_px,
             "angle_rad": self.angle_rad,
             "shape": asdict(self.shape),
+            "cylinder_rows": self.outline.cylinder_rows,
             "corner_px": self.corner_px,
             "frame_px": self.frame_px,
             "marking_contrast": self.marking_contrast,
@@ -111,6 +116,7 @@ class ProbeModel:
                 template=self.template,
                 template_mask=self.template_mask,
                 rim_form_px=self.rim_form_px,
+                outline=np.stack([self.outline.u_px, self.outline.left_px, self.outline.right_px]),
             )
 
     @classmethod
@@ -127,6 +133,7 @@ class ProbeModel:
 def _from_stored(facts: dict[str, Any], stored: Any) -> ProbeModel:
     if facts["version"] != VERSION:
         raise ValueError(f"it has version {facts['version']}, this program reads version {VERSION}")
+    outline = _outline(np.asarray(stored["outline"], dtype=np.float64), int(facts["cylinder_rows"]))
     template = np.ascontiguousarray(stored["template"])
     mask = np.ascontiguousarray(stored["template_mask"])
     form = np.asarray(stored["rim_form_px"], dtype=np.float64)
@@ -140,6 +147,7 @@ def _from_stored(facts: dict[str, Any], stored: Any) -> ProbeModel:
         check_point(facts["tip_px"], "tip_px"),
         float(facts["angle_rad"]),
         NeedleShape(**{name: float(number) for name, number in facts["shape"].items()}),
+        outline,
         form,
         template,
         mask,
@@ -148,6 +156,13 @@ def _from_stored(facts: dict[str, Any], stored: Any) -> ProbeModel:
         float(facts["marking_contrast"]),
         float(facts["click_offset_px"]),
     )
+
+
+def _outline(table: NDArray[np.float64], cylinder_rows: int) -> Silhouette:
+    rows_fit = table.ndim == 2 and table.shape[0] == 3 and 8 <= cylinder_rows <= table.shape[1] - 8
+    if not rows_fit or not np.all(np.isfinite(table)) or np.any(np.diff(table[0]) <= 0.0):
+        raise ValueError("its outline is damaged")
+    return Silhouette(table[0], table[1], table[2], cylinder_rows)
 
 
 def _template_corner(x_px: float, y_px: float, angle_rad: float) -> tuple[int, int]:

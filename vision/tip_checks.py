@@ -2,137 +2,198 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
-from scipy.stats import theilslopes
 
 from vision.caliper import Floats
-from vision.image import Plane
-from vision.tip_strip import Axis, EdgePoints, NeedleShape, Rim, Strip, caliper_rows, fit_axis
+from vision.notfound import NotFound, Reason
+from vision.probe_model import ProbeModel
+from vision.tip_needle import Measured
+from vision.tip_strip import middle
 
-# An edge point lies on the silhouette within this.
-ON_SILHOUETTE_PX = 0.8
+# Share of the calipers that must lie on the fitted silhouette.
+LEAST_SUPPORT = 0.5
+# A taper that shows both edges on so much more of its length (0..1) elsewhere than straight ahead is turned there;
+# one that shows fewer than the least straight ahead may point anywhere. Smaller turns are left to the fit.
+TURNED_LEAD, DOUBTFUL_LEAD, LEAST_TURN_DEG, LEAST_SHOWN_STRAIGHT = 0.25, 0.1, 3.5, 0.38
+# Share of the cylinder's length along which it may be as bright beyond its edge as within.
+MOST_METAL_BEYOND = 0.9
+# How far things may differ from what was taught before the needle counts as another or as damaged.
+TURN_LIMIT_DEG = 4.0
+BEND_LIMIT_PX = 2.0
+BEND_CERTAIN_SIGMAS = 4.0
+WIDTH_LIMIT_PX = 1.5
+MARKING_LENGTH_LIMIT_PX = 2.5
+SHIFTED_MARKING_LIMIT_PX = 3.5
+LEAST_MARKING_CONTRAST = 0.35
+LEAST_RIM_AGREEMENT = 0.5
+# The upper rim need not be as sharp as the lower one, but it should be a rim.
+LEAST_UPPER_RIM = 0.4
 # Edge points a side of taper or cylinder needs before its own width means something.
-LEAST_SIDE_POINTS = 8
-# Turns of the taper that are tried, and up to which it counts as straight.
-TURNS_DEG = tuple(float(d) for d in np.arange(-10.0, 10.1, 0.5))
-STRAIGHT_DEG = 1.5
+LEAST_SIDE_POINTS = 10
+SIDES_AGREE_PX = 4.0
+# The rim's steepest slope over the step from marking to metal, 1/px: 0.22 at a lens blur of 1 px, 0.19 at 1.4 px,
+# 0.14 at 2.5 px (a Gaussian of the blur and the caliper's 1.5 px together).
+LEAST_SHARPNESS = 0.12
+BLURRED_ADVICE = "clean the lens, check its focus, or wait longer for the head to settle"
+OTHER_ADVICE = "is another needle mounted, or is the background too busy here? Look from another place, or teach again"
 
 
-def side_shares(points: EdgePoints, axis: Axis, shape: NeedleShape) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the share (0..1) of calipers whose edge lies on the fit: cylinder (L1, L2), taper (L1, L2)."""
-    above = points.u_px < -shape.end_to_rim_px
-    wider = np.where(above, axis.cylinder_wider_px, axis.taper_wider_px)
-    expected = axis.a_px + axis.b * points.u_px + points.side * (shape.half_width(points.u_px) + wider)
-    near = np.abs(points.v_px - expected) < ON_SILHOUETTE_PX
-    taper, cylinder = caliper_rows(shape)
-
-    def share(part: NDArray[np.bool_], side: float, offered: int) -> float:
-        return float(np.count_nonzero(near & part & (points.side == side))) / offered
-
-    return (
-        (share(above, -1.0, cylinder.size), share(above, 1.0, cylinder.size)),
-        (share(~above, -1.0, taper.size), share(~above, 1.0, taper.size)),
+def blurred(sharpness: float, least: float) -> NotFound:
+    """Return the verdict on a picture that is not sharp."""
+    return NotFound(
+        Reason.BLURRED, f"the picture is blurred (sharpness {sharpness:.3f}, {least:.3f} is needed): {BLURRED_ADVICE}"
     )
 
 
-def metal_beyond(strip: Strip, axis: Axis, shape: NeedleShape) -> float:
+def no_marking(fact: str) -> NotFound:
+    """Return the verdict on a marking that is not there or not as taught."""
+    return NotFound(Reason.NO_MARKING, f"{fact}: clean the needle or renew the marking, then teach again")
+
+
+def wrong(fact: str) -> NotFound:
+    """Return the verdict on a needle that does not look like the taught one."""
+    return NotFound(Reason.WRONG_NEEDLE, f"{fact}: {OTHER_ADVICE}")
+
+
+def check_direction(angle_rad: float, model: ProbeModel) -> NotFound | None:
+    """Return why the needle's direction is not the taught one, or None."""
+    turn = float(np.degrees(angle_rad - model.angle_rad))
+    if abs(turn) <= TURN_LIMIT_DEG:
+        return None
+    return NotFound(
+        Reason.BENT, f"the needle is turned by {turn:+.1f} degrees against the taught one: straighten or replace it"
+    )
+
+
+def check_straight(needle: Measured, _: ProbeModel) -> NotFound | None:
+    """Return why the taper does not point where the cylinder does, or None."""
+    turn, free = needle.turn, needle.free
+    if turn.turned > turn.straight + TURNED_LEAD and abs(turn.turn_deg) >= LEAST_TURN_DEG:
+        return NotFound(
+            Reason.BENT,
+            f"the taper is not where the cylinder points: it is turned by {turn.turn_deg:+.1f} degrees: "
+            "replace the needle",
+        )
+    certain = abs(free.bend_px) > BEND_CERTAIN_SIGMAS * free.bend_sigma_px
+    if abs(free.bend_px) > BEND_LIMIT_PX and certain:
+        return NotFound(
+            Reason.BENT,
+            f"the taper's axis misses the cylinder's by {free.bend_px:+.1f} px at the end: replace the needle",
+        )
+    shown = (turn.edges + _taper_support(needle)) / 2.0
+    if shown < LEAST_SHOWN_STRAIGHT:
+        fact = f"the taper shows on only {100 * shown:.0f} % of its length where the cylinder points"
+        if turn.turned > turn.straight + DOUBTFUL_LEAD:
+            return NotFound(Reason.BENT, f"{fact}, more of it elsewhere: straighten or replace the needle")
+        return wrong(fact)
+    return None
+
+
+def first_problem(needle: Measured, model: ProbeModel) -> NotFound | None:
+    """Return the first thing that makes the measured needle another than the taught one, or None."""
+    for check in (check_light, check_marking, check_straight, check_shape):
+        problem = check(needle, model)
+        if problem is not None:
+            return problem
+    return None
+
+
+def check_light(needle: Measured, _: ProbeModel) -> NotFound | None:
+    """Return why the needle's picture cannot be measured, or None."""
+    if needle.contrast >= LEAST_MARKING_CONTRAST and needle.sharpness < LEAST_SHARPNESS:
+        return blurred(needle.sharpness, LEAST_SHARPNESS)
+    return None
+
+
+def check_marking(needle: Measured, model: ProbeModel) -> NotFound | None:
+    """Return why the marking is not the taught one, or None."""
+    rim2 = needle.rim2
+    if needle.contrast < LEAST_MARKING_CONTRAST:
+        return no_marking(f"the marking is only {100 * needle.contrast:.0f} % darker than the metal")
+    if rim2.agreement < LEAST_RIM_AGREEMENT:
+        return no_marking(f"the lower rim is seen on only {100 * rim2.agreement:.0f} % of the needle's width")
+    if needle.rim1_strength < LEAST_UPPER_RIM * rim2.strength:
+        return no_marking("the marking's upper rim is not where it was taught")
+    length = rim2.u_px - needle.rim1_u_px
+    if abs(length - model.shape.marking_px) > MARKING_LENGTH_LIMIT_PX:
+        return no_marking(f"the marking is {length:.1f} px long, {model.shape.marking_px:.1f} px were taught")
+    return None
+
+
+def _taper_support(needle: Measured) -> float:
+    """Return the share (0..1) of the taper's calipers whose edge lies on the fit."""
+    used = needle.points.on_taper & (needle.axis.weights > 0.3)
+    return float(np.count_nonzero(used)) / max(needle.points.offered_on_taper, 1)
+
+
+def check_shape(needle: Measured, model: ProbeModel) -> NotFound | None:
+    """Return why the silhouette is not the taught one, or None."""
+    axis = needle.axis
+    if axis.support < LEAST_SUPPORT:
+        return wrong(f"only {100 * axis.support:.0f} % of the edge points lie on the taught silhouette")
+    if abs(axis.cylinder_wider_px) > WIDTH_LIMIT_PX:
+        return NotFound(
+            Reason.WRONG_NEEDLE,
+            f"the needle is {2 * axis.cylinder_wider_px:+.1f} px wider than the taught one: teach this needle",
+        )
+    beyond = metal_beyond(needle, model)
+    if beyond > MOST_METAL_BEYOND:
+        return wrong(f"the metal goes on beyond the taught edge along {100 * beyond:.0f} % of the cylinder")
+    moved = _moved(needle, model)
+    if abs(moved) > SHIFTED_MARKING_LIMIT_PX:
+        return no_marking(f"the marking sits {moved:+.1f} px from where the taper's width says it was taught")
+    return None
+
+
+def metal_beyond(needle: Measured, model: ProbeModel) -> float:
     """Return along how much (0..1) of the needle it is as bright outside as the metal is, on the worse side.
 
-    A thicker needle whose highlight was taken for an edge does that all along, beside its cylinder and beside the thick
-    half of its taper. A pad or lettering behind it may do so beside one of them.
+    A thicker needle whose highlight was taken for an edge does that all along its cylinder, and beside the thick half
+    of its taper, or its marking goes on there too. A pad or lettering behind it may do so beside one of them.
     """
-    taper, cylinder = caliper_rows(shape)
-    thick_half = taper[taper < -0.5 * shape.end_to_rim_px]
-    return max(
-        min(
-            _bright_beside(strip, axis, shape.cylinder_half_px + axis.cylinder_wider_px, cylinder, side),
-            _bright_beside(strip, axis, shape.half_width(thick_half) + axis.taper_wider_px, thick_half, side),
-        )
-        for side in (-1.0, 1.0)
-    )
+    outline, axis = model.outline, needle.axis
+    thick = outline.half_px > 0.6 * model.shape.cylinder_half_px
+    taper, cylinder = thick & outline.on_taper, thick & ~outline.on_taper
+    worst = 0.0
+    for side, edge, wider in ((-1.0, outline.left_px, -1.0), (1.0, outline.right_px, 1.0)):
+        grown = edge + wider * np.where(outline.on_taper, axis.taper_wider_px, axis.cylinder_wider_px)
+        shares = []
+        for part in (taper, cylinder):
+            inside = middle(_levels(needle, outline.u_px[part], grown[part] - 3.0 * side))
+            outside = _levels(needle, outline.u_px[part], grown[part] + 4.0 * side)
+            shares.append(float(np.mean(outside > 0.75 * min(inside, needle.metal))))
+        marked = np.arange(needle.rim1_u_px + 8.0, needle.rim2.u_px - 8.0, 2.0)
+        beside = middle(_levels(needle, marked, np.full(marked.size, side * (model.shape.cylinder_half_px + 4.0))))
+        goes_on = beside < needle.dark + 0.25 * (needle.metal - needle.dark)
+        worst = max(worst, shares[1] if goes_on else min(shares))
+    return worst
 
 
-def _bright_beside(strip: Strip, axis: Axis, half_px: Floats | float, u_px: Floats, side: float) -> float:
-    """Return along how many of the rows `u_px` it is as bright just outside the silhouette as just inside."""
+def _levels(needle: Measured, u_px: Floats, off_axis_px: Floats) -> Floats:
+    """Return the brightness of the strip at those of the rows `u_px` it holds, `off_axis_px` from the axis."""
+    strip, axis = needle.strip, needle.axis
     rows = np.rint(u_px).astype(np.intp) - strip.u_from_px
     keep = (rows >= 0) & (rows < strip.pixels.shape[0])
-    half = np.broadcast_to(np.asarray(half_px, dtype=np.float64), u_px.shape)
-
-    def levels(off_axis: Floats) -> Plane:
-        columns = np.rint(axis.a_px + axis.b * u_px + off_axis).astype(np.intp) + strip.reach_px
-        columns = np.clip(columns, 0, strip.pixels.shape[1] - 1)
-        return np.asarray(strip.pixels[rows[keep], columns[keep]], dtype=np.float32)
-
-    metal = min(float(np.median(levels(half - 3.0))), float(np.median(levels(3.0 - half))))
-    return float(np.mean(levels(side * (half + 4.0)) > 0.75 * metal))
+    columns = np.rint(axis.a_px + axis.b * u_px + off_axis_px).astype(np.intp) + strip.reach_px
+    columns = np.clip(columns, 0, strip.pixels.shape[1] - 1)
+    return np.asarray(strip.pixels[rows[keep], columns[keep]], dtype=np.float64)
 
 
-def turned_taper(strip: Strip, slope: Plane, axis: Axis, shape: NeedleShape) -> tuple[float, float, float]:
-    """Return (degrees, shown there, shown straight): the turn about the marking at which the taper's edges show best.
-
-    shown: share (0..1) of rows with an edge on both sides of the taper at once. A bent needle shows its edges away from
-    where its cylinder points; a busy background hides them without showing such a pair elsewhere.
-    """
-    u, _ = caliper_rows(shape)
-    rows = np.rint(u).astype(np.intp) - strip.u_from_px
-    strength = np.abs(slope[rows])
-    peaks = (strength >= cv2.dilate(strength, np.ones((1, 5), dtype=np.uint8))) & (strength > strip.edge_level)
-    shown = cv2.dilate(peaks.astype(np.uint8), np.ones((1, 3), dtype=np.uint8)) > 0
-    index, last = np.arange(u.size), shown.shape[1] - 1
-    scores: dict[float, float] = {}
-    for degrees in TURNS_DEG:
-        middle = axis.a_px + axis.b * u + np.tan(np.radians(degrees)) * (u + shape.end_to_rim_px)
-        sides = [np.rint(middle + side * shape.half_width(u)).astype(np.intp) + strip.reach_px for side in (-1.0, 1.0)]
-        both = shown[index, np.clip(sides[0], 0, last)] & shown[index, np.clip(sides[1], 0, last)]
-        scores[degrees] = float(np.mean(both))
-    straight = max(score for degrees, score in scores.items() if abs(degrees) <= STRAIGHT_DEG)
-    best = max((d for d in scores if abs(d) > STRAIGHT_DEG), key=lambda d: scores[d])
-    return best, scores[best], straight
-
-
-def consistency(points: EdgePoints, axis: Axis, rim2: Rim, shape: NeedleShape) -> tuple[float, float]:
-    """Return (bend, moved) in px, each 0 where clutter leaves it unknown.
-
-    bend: how far, at the end, the taper lies from where the cylinder points. moved: how far the marking lies from where
-    it was taught, by the taper's width, which tells for itself where the end is. Half a pixel of width are 3 px of
-    place, so only edges before a background darker than the metal count. Both sides must say it: a bend or a moved
-    marking shows on both, a line of silkscreen beside the needle on one.
-    """
-    points = points.where(points.brightens, points.offered)
-    above = points.u_px < -shape.end_to_rim_px
-    own_axes: list[Axis] = []
-    for own in (~above, above):
-        if min(np.count_nonzero(own & (points.side == side)) for side in (-1.0, 1.0)) < LEAST_SIDE_POINTS:
-            return 0.0, 0.0
-        line = fit_axis(points.where(own, int(np.count_nonzero(own))), shape, free_width=True)
-        if line is None or line.support < 0.75 or line.covariance[0, 0] > 0.1:
-            return 0.0, 0.0
-        own_axes.append(line)
-    beyond = points.side * (points.v_px - axis.a_px - axis.b * points.u_px) - shape.half_width(points.u_px)
-    expected = rim2.u_px + shape.end_to_rim_px
-    moved = _both_say([_moved(beyond, points.side == side, above, shape) - expected for side in (-1.0, 1.0)])
-    bend = _both_say([_bend(points, ~above & (points.side == side), own_axes[1], shape) for side in (-1.0, 1.0)])
-    return bend, moved
-
-
-def _both_say(sides: list[float]) -> float:
-    """Return what both sides of the needle agree on: the smaller of two numbers of one sign, else 0."""
-    return min(sides, key=abs) if sides[0] * sides[1] > 0.0 else 0.0
-
-
-def _bend(points: EdgePoints, own: NDArray[np.bool_], cylinder: Axis, shape: NeedleShape) -> float:
-    """Return how far, at the end, one side of the taper lies from where the cylinder's axis puts it, px."""
-    u, side = points.u_px[own], points.side[own]
-    off = points.v_px[own] - cylinder.a_px - cylinder.b * u - side * shape.half_width(u)
-    return float(theilslopes(off, u).intercept)
-
-
-def _moved(beyond: NDArray[np.float64], side: NDArray[np.bool_], above: NDArray[np.bool_], shape: NeedleShape) -> float:
-    """Return how far along the needle one side of the taper is off its taught place, px.
+def _moved(needle: Measured, model: ProbeModel) -> float:
+    """Return how far (px) the marking lies from where it was taught: the taper's width tells where the end is.
 
     A brighter background or more blur makes taper and cylinder look narrower alike: the cylinder tells by how much.
+    Half a pixel of width is 3 px of place, so only edges before a background darker than the metal count, and both
+    sides must say it: a moved marking shows on both, a line of silkscreen beside the needle on one. 0 when unknown.
     """
-    wider = float(np.median(beyond[side & ~above]) - np.median(beyond[side & above]))
-    return wider / shape.taper_slope
+    points, axis = needle.points, needle.axis
+    beyond = points.side * (points.v_px - axis.a_px - axis.b * points.u_px - points.taught_px)
+    sides = []
+    for side in (-1.0, 1.0):
+        parts = [points.brightens & (points.side == side) & (points.on_taper == on_taper) for on_taper in (True, False)]
+        if min(int(np.count_nonzero(part)) for part in parts) < LEAST_SIDE_POINTS:
+            return 0.0
+        wider = middle(beyond[parts[0]]) - middle(beyond[parts[1]])
+        sides.append(wider / model.shape.taper_slope - needle.rim2.u_px - model.h_px)
+    agree = sides[0] * sides[1] > 0.0 and abs(sides[0] - sides[1]) < SIDES_AGREE_PX
+    return min(sides, key=abs) if agree else 0.0

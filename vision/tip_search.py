@@ -8,12 +8,16 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from vision.image import Gray, median
+from vision.image import Gray, Plane
 from vision.probe_model import SEARCH_REACH_PX, TEMPLATE_HEIGHT_PX, TEMPLATE_WIDTH_PX, ProbeModel
-from vision.tip_strip import CALIPER_STEP_PX, CYLINDER_LENGTH_PX, RIM_CLEARANCE_PX
 
-# Template search: fourth-size with these turns first, then half-size near the best.
-SEARCH_TURNS_DEG = (-2.4, 0.0, 2.4)
+# The search runs on a quarter of the size: the edges find the needle to a hundredth of a pixel afterwards.
+SHRINK = 4
+TURNS_DEG = (-2.0, 0.0, 2.0)
+# A busy background can look more like the template than the needle before it does: other places are kept in hand.
+MOST_MATCHES, WORSE = 3, 0.2
+# Places closer than this, in shrunk pixels, are one and the same.
+APART = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,11 +30,17 @@ class Match:
     score: float
 
 
+@dataclass(frozen=True, slots=True)
+class _Template:
+    """Hold the template at one turn, shrunk: `weights` sum to 1, `pattern` has mean 0, variance 1 over the needle."""
+
+    weights: Plane
+    pattern: Plane
+
+
 def region(model: ProbeModel) -> tuple[int, int, int, int]:
     """Return the part of the frame that everything is measured in: x, y, width, height in px."""
-    shape = model.shape
-    up = shape.end_to_rim_px + shape.marking_px + RIM_CLEARANCE_PX + CYLINDER_LENGTH_PX + CALIPER_STEP_PX
-    side = shape.cylinder_half_px + 14.0
+    side, up = model.shape.cylinder_half_px + 14.0, model.shape.length_px
     c, s = np.cos(model.angle_rad), np.sin(model.angle_rad)
     u, v = np.array([-up, -up, 12.0, 12.0]), np.array([-side, side, -side, side])
     xs, ys = model.tip_px[0] + u * c - v * s, model.tip_px[1] + u * s + v * c
@@ -42,48 +52,63 @@ def region(model: ProbeModel) -> tuple[int, int, int, int]:
     return min(max(x1, 0), x), min(max(y1, 0), y), x2 - min(max(x1, 0), x), y2 - min(max(y1, 0), y)
 
 
-def search(plane: Gray, model: ProbeModel, origin: tuple[int, int]) -> Match:
-    """Search the golden template around its taught place, coarse to fine, by masked normalised correlation."""
+def search(
+    plane: Gray, model: ProbeModel, origin: tuple[int, int], turns_deg: tuple[float, ...] = TURNS_DEG
+) -> list[Match]:
+    """Search the golden template around its taught place by masked normalised correlation (eq. 5.3), turned a little.
+
+    plane: the region's pixels, free of salt and pepper; origin: its top-left pixel in the frame. Returns up to
+    MOST_MATCHES places, the best first, each clearly apart from the better ones.
+    """
     x, y, width, height = model.search_roi_px
     cut = plane[y - origin[1] : y - origin[1] + height, x - origin[0] : x - origin[0] + width]
-    around = median(np.ascontiguousarray(cut), 7)
-    best, best_turn, best_at = -2.0, 0.0, (0.0, 0.0)
-    small = _shrink(around, 4)
-    for turn in SEARCH_TURNS_DEG:
-        score, at = _correlate(small, model, turn, 4)
-        if score > best:
-            best, best_turn, best_at = score, turn, at
-    margin = 6.0
-    left, top = (int(max(0.0, 4.0 * at - margin)) // 2 * 2 for at in best_at)
-    near = around[top : top + TEMPLATE_HEIGHT_PX + 2 * int(margin), left : left + TEMPLATE_WIDTH_PX + 2 * int(margin)]
-    score, at = _correlate(_shrink(near, 2), model, best_turn, 2)
-    corner_x, corner_y = x + left + 2.0 * at[0], y + top + 2.0 * at[1]
-    dx, dy = corner_x - model.corner_px[0], corner_y - model.corner_px[1]
-    # The template was turned about its own end, so the end moves with the template and nothing else.
-    return Match(model.tip_px[0] + dx, model.tip_px[1] + dy, model.angle_rad + float(np.radians(best_turn)), score)
+    small = _shrink(cut)
+    squared = np.square(small)
+    score = np.stack([_correlate(small, squared, _template(model, turn)) for turn in turns_deg], axis=2)
+    found: list[Match] = []
+    for _ in range(MOST_MATCHES):
+        row, column, turn = (int(at) for at in np.unravel_index(int(np.argmax(score)), score.shape))
+        best = float(score[row, column, turn])
+        if found and best < found[0].score - WORSE:
+            break
+        dx, dy = SHRINK * column - SEARCH_REACH_PX, SHRINK * row - SEARCH_REACH_PX
+        # The template was turned about its own end, so the end moves with the template and nothing else.
+        angle = model.angle_rad + float(np.radians(turns_deg[turn]))
+        found.append(Match(model.tip_px[0] + dx, model.tip_px[1] + dy, angle, best))
+        score[max(row - APART, 0) : row + APART + 1, max(column - APART, 0) : column + APART + 1] = -2.0
+    return found
 
 
-def _shrink(plane: Gray, by: int) -> Gray:
-    size = (plane.shape[1] // by, plane.shape[0] // by)
-    return np.asarray(cv2.resize(plane, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+def _shrink(plane: Gray) -> Plane:
+    size = (plane.shape[1] // SHRINK, plane.shape[0] // SHRINK)
+    return cv2.resize(plane, size, interpolation=cv2.INTER_AREA).astype(np.float32)
 
 
-def _correlate(region: Gray, model: ProbeModel, turn_deg: float, by: int) -> tuple[float, tuple[float, float]]:
-    """Return the best masked correlation of the template, turned and shrunk, and its corner (x, y) in `region`."""
-    template, cover = _turned(model, turn_deg, by)
-    result = cv2.matchTemplate(region, template, cv2.TM_CCOEFF_NORMED, mask=cover)
-    result = np.where(np.isfinite(result) & (np.abs(result) <= 1.01), result, -1.0).astype(np.float32)
-    _, score, _, at = cv2.minMaxLoc(result)
-    return float(score), (float(at[0]), float(at[1]))
+def _correlate(small: Plane, squared: Plane, template: _Template) -> Plane:
+    """Return the correlation (rows, columns) of every place of the template in `small`."""
+    mean = cv2.matchTemplate(small, template.weights, cv2.TM_CCORR)
+    square = cv2.matchTemplate(squared, template.weights, cv2.TM_CCORR)
+    likeness = cv2.matchTemplate(small, template.pattern, cv2.TM_CCORR)
+    # A flat place has no pattern: one level of variance keeps it from being blown up into one.
+    return np.asarray(likeness / np.sqrt(np.maximum(square - np.square(mean), 1.0)), dtype=np.float32)
 
 
-@lru_cache(maxsize=16)
-def _turned(model: ProbeModel, turn_deg: float, by: int) -> tuple[Gray, Gray]:
-    """Return template and mask (0/1), turned about the needle's end and shrunk; models are compared by identity."""
+@lru_cache(maxsize=64)
+def _template(model: ProbeModel, turn_deg: float) -> _Template:
+    """Return the model's template turned about the needle's end; models are compared by identity."""
+    picture, cover = _turned(model, turn_deg)
+    weights = np.where(cover > 0.5, 1.0, 0.0)
+    weights /= weights.sum()
+    pattern = picture - np.sum(weights * picture)
+    pattern = weights * pattern / np.sqrt(np.sum(weights * np.square(pattern)) + 1e-6)
+    return _Template(weights.astype(np.float32), pattern.astype(np.float32))
+
+
+def _turned(model: ProbeModel, turn_deg: float) -> tuple[Plane, Plane]:
+    """Return the template and its cover (0..1), turned about the needle's end and shrunk."""
     tip = model.tip_px[0] - model.corner_px[0], model.tip_px[1] - model.corner_px[1]
     matrix = cv2.getRotationMatrix2D(tip, -turn_deg, 1.0)
     size = (TEMPLATE_WIDTH_PX, TEMPLATE_HEIGHT_PX)
-    template = cv2.warpAffine(model.template, matrix, size, borderMode=cv2.BORDER_REPLICATE)
+    picture = cv2.warpAffine(model.template, matrix, size, borderMode=cv2.BORDER_REPLICATE)
     mask = cv2.warpAffine(model.template_mask, matrix, size)
-    cover = _shrink(np.asarray(mask, dtype=np.uint8), by) > 127
-    return _shrink(np.asarray(template, dtype=np.uint8), by), cover.astype(np.uint8)
+    return _shrink(np.asarray(picture, dtype=np.uint8)), _shrink(np.asarray(mask, dtype=np.uint8)) / 255.0

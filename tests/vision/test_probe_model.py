@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tests.vision.scene import AXIS_DEG, NOMINAL_TIP, Camera, Needle, white_frame
+from tests.vision.studio.needle import golden
 from vision import ProbeModel, find_tip
 
 
@@ -89,3 +90,25 @@ def test_a_damaged_or_later_model_is_a_value_error(model: ProbeModel, tmp_path: 
 def _written(path: Path, content: bytes) -> Path:
     path.write_bytes(content)
     return path
+
+
+def test_the_outline_is_measured_not_assumed() -> None:
+    """It should teach a rounded taper and one that begins below a bare cylinder as they are."""
+    straight, late, rounded = (golden(0, kit=kit) for kit in (0, 1, 3))
+    for scene, half_way_px in ((straight, 12.4), (late, 15.6), (rounded, 15.6)):
+        assert scene.tip_px is not None
+        taught = ProbeModel.teach(scene.frame, scene.tip_px)
+        outline = taught.outline
+        assert taught.tip_px == pytest.approx(scene.tip_px, abs=0.2)
+        assert np.degrees(taught.angle_rad) == pytest.approx(scene.angle_deg, abs=0.1)
+        assert np.all(np.diff(outline.half_px[outline.on_taper]) < 0.4), "a needle narrows towards its end"
+        half = float(np.interp(-0.55 * taught.h_px, outline.u_px, outline.half_px))
+        assert half == pytest.approx(half_way_px, abs=1.0)
+
+
+def test_a_click_where_no_needle_ends_is_refused() -> None:
+    frame = white_frame(Needle(), Camera(), seed=3, clutter=0.0)
+    axis = np.radians(AXIS_DEG)
+    above = NOMINAL_TIP[0] - 40.0 * np.cos(axis), NOMINAL_TIP[1] - 40.0 * np.sin(axis)
+    with pytest.raises(ValueError, match="does not end"):
+        ProbeModel.teach(frame, above)

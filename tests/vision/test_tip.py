@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.vision.scene import AXIS_DEG, NOMINAL_TIP, Camera, Canvas, Needle, frame_of, white_frame
+from tests.vision.studio.needle import golden, white_scene
 from vision import NotFound, ProbeModel, Reason, Tip, find_tip
 
 
@@ -156,3 +157,58 @@ def test_half_a_needle_at_the_frame_edge_is_no_tip(model: ProbeModel) -> None:
     canvas = Canvas((338, 470), (210, 270), 38.0)
     frame = frame_of(canvas.develop(Camera(), np.random.default_rng(1)), canvas, True, 38.0)
     assert not find_tip(frame, model)
+
+
+KITS = range(4)
+REFUSED = {
+    "no_needle": {Reason.NO_NEEDLE, Reason.NO_MARKING},
+    "other_needle": {Reason.WRONG_NEEDLE, Reason.NO_NEEDLE, Reason.NO_MARKING, Reason.BENT, Reason.BLURRED},
+    "no_marking": {Reason.NO_MARKING, Reason.NO_NEEDLE, Reason.WRONG_NEEDLE},
+    "worn_marking": {Reason.NO_MARKING, Reason.NO_NEEDLE},
+    "bent": {Reason.BENT, Reason.WRONG_NEEDLE},
+    "turned": {Reason.BENT, Reason.NO_NEEDLE},
+    "dark": {Reason.TOO_DARK},
+    "saturated": {Reason.SATURATED},
+    "blurred": {Reason.BLURRED},
+}
+
+
+@pytest.fixture(scope="module")
+def studio_models() -> list[ProbeModel]:
+    """Four needles of another artist, each taught from its golden picture."""
+    taught = [(golden(0, kit=kit)) for kit in KITS]
+    return [ProbeModel.teach(scene.frame, scene.tip_px) for scene in taught if scene.tip_px is not None]
+
+
+@pytest.mark.parametrize(("hard", "limit_px"), [(False, 0.25), (True, 0.45)])
+def test_needles_of_another_artist_are_found(studio_models: list[ProbeModel], hard: bool, limit_px: float) -> None:
+    """It should find a straight cone, a flat end under a bare cylinder, a crown, and a rounded taper alike."""
+    errors_px = []
+    for seed in range(12):
+        scene = white_scene(300 + seed, hard=hard, kit=seed % 4)
+        tip = find_tip(scene.frame, studio_models[seed % 4])
+        assert scene.tip_px is not None
+        if tip:
+            errors_px.append(np.hypot(tip.x_px - scene.tip_px[0], tip.y_px - scene.tip_px[1]))
+            assert errors_px[-1] < 6.0 * tip.sigma_px
+    assert len(errors_px) >= (10 if hard else 11)
+    assert np.sqrt(np.mean(np.square(errors_px))) < limit_px
+
+
+@pytest.mark.parametrize("defect", REFUSED)
+def test_defects_of_another_artist_are_refused_and_named(studio_models: list[ProbeModel], defect: str) -> None:
+    for kit in (0, 1):
+        scene = white_scene(40 + kit, defect=defect, kit=kit)
+        assert reason_of(find_tip(scene.frame, studio_models[kit])) in REFUSED[defect]
+
+
+def test_a_needle_turned_far_is_named_bent(model: ProbeModel) -> None:
+    for turn_deg in (-12.0, 8.0):
+        needle = Needle(angle_deg=AXIS_DEG + turn_deg)
+        assert reason_of(find_tip(white_frame(needle, Camera(), 3, 0.2), model)) is Reason.BENT
+
+
+def test_a_thinner_or_thicker_needle_is_named(model: ProbeModel) -> None:
+    for scale in (0.7, 1.4):
+        needle = Needle(rim_width_px=40.0 * scale, cylinder_width_px=42.0 * scale)
+        assert reason_of(find_tip(white_frame(needle, Camera(), 3, 0.2), model)) is Reason.WRONG_NEEDLE

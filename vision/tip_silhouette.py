@@ -1,0 +1,60 @@
+"""The taught outline of the needle: where its two edges were seen, row by row, from the axis.
+
+It is measured, not assumed: a taper may be straight or rounded, begin below the marking or right at it, and light from
+one side shifts the two edges differently. Whatever was there at teaching is there again when the needle is the same.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vision.caliper import Floats
+from vision.tip_strip import (
+    CALIPER_STEP_PX,
+    CYLINDER_LENGTH_PX,
+    END_CLEARANCE_PX,
+    RIM_CLEARANCE_PX,
+    NeedleShape,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Silhouette:
+    """Hold the calipers' rows `u_px` (N,), integers rising to the end at 0, and each edge's v from the axis (N,), px.
+
+    `left_px` are the edges on the side of negative v, `right_px` those of positive v. The first `cylinder_rows` rows
+    are on the cylinder, the others on the taper below the marking; the marking itself has no rows.
+    """
+
+    u_px: Floats
+    left_px: Floats
+    right_px: Floats
+    cylinder_rows: int
+
+    @property
+    def on_taper(self) -> NDArray[np.bool_]:
+        """Return which rows (N,) are on the taper."""
+        return np.arange(self.u_px.size) >= self.cylinder_rows
+
+    @property
+    def half_px(self) -> Floats:
+        """Return the half width at each row (N,), px."""
+        return np.asarray((self.right_px - self.left_px) / 2.0, dtype=np.float64)
+
+    @classmethod
+    def of_shape(cls, shape: NeedleShape) -> Silhouette:
+        """Return the outline of a plain shape: straight taper, straight cylinder, edges alike."""
+        u, cylinder_rows = caliper_rows(shape.end_to_rim_px, shape.marking_px)
+        half = shape.half_width(u)
+        return cls(u, -half, half, cylinder_rows)
+
+
+def caliper_rows(end_to_rim_px: float, marking_px: float) -> tuple[Floats, int]:
+    """Return the rows (N,) of the calipers, rising, and how many of them are on the cylinder."""
+    top = np.rint(-end_to_rim_px - marking_px - RIM_CLEARANCE_PX)
+    cylinder = np.arange(top - CYLINDER_LENGTH_PX, top, CALIPER_STEP_PX)
+    taper = np.arange(np.rint(-end_to_rim_px + RIM_CLEARANCE_PX / 2), -END_CLEARANCE_PX, CALIPER_STEP_PX)
+    return np.concatenate([cylinder, taper]), cylinder.size

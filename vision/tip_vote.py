@@ -1,0 +1,50 @@
+"""Vote for the needle's axis: the line that has the most edge where the taught outline puts the two edges.
+
+Each caliper votes at most once, however strong its edge: a bright pad weighs no more than a dull needle.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vision.caliper import Floats
+from vision.image import Plane
+from vision.tip_silhouette import Silhouette
+from vision.tip_strip import Strip, edge_maps
+
+SHIFTS_PX: Floats = np.arange(-12.0, 12.1)
+TILTS: Floats = np.tan(np.radians(np.arange(-2.5, 2.51, 0.5)))
+# An edge that darkens inwards is one before something brighter than the metal: it counts, but less.
+DARKENING_WORTH = np.float32(0.7)
+
+
+@dataclass(frozen=True, slots=True)
+class Vote:
+    """Hold the line v = a + b u with the most votes and the share (0..1) of the calipers' edges that lie on it."""
+
+    a_px: float
+    b: float
+    share: float
+
+
+def vote(strip: Strip, slope: Plane, outline: Silhouette, pivot_u_px: float) -> Vote:
+    """Return the line with the most votes within +-12 px, at u = `pivot_u_px`, and +-2.5 degrees of the strip's own.
+
+    slope: d/dv of the strip. Rows of the outline that the strip does not hold have no vote.
+    """
+    rows = np.rint(outline.u_px).astype(np.intp) - strip.u_from_px
+    inside = (rows >= 0) & (rows < slope.shape[0])
+    u = outline.u_px[inside] - pivot_u_px
+    rising, falling = edge_maps(slope[rows[inside]], strip.edge_level)
+    on_left = np.maximum(rising, DARKENING_WORTH * falling)
+    on_right = np.maximum(falling, DARKENING_WORTH * rising)
+    axis = SHIFTS_PX[:, None, None] + TILTS[None, :, None] * u + strip.reach_px
+    index, last = np.arange(u.size), slope.shape[1] - 1
+    left = on_left[index, np.clip(np.rint(axis + outline.left_px[inside]).astype(np.intp), 0, last)]
+    right = on_right[index, np.clip(np.rint(axis + outline.right_px[inside]).astype(np.intp), 0, last)]
+    shares = (left + right).mean(axis=2) / 2.0
+    row, column = (int(at) for at in np.unravel_index(int(np.argmax(shares)), shares.shape))
+    tilt = float(TILTS[column])
+    return Vote(float(SHIFTS_PX[row]) - tilt * pivot_u_px, tilt, float(shares[row, column]))
