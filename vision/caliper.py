@@ -12,6 +12,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dposv
 
 from vision.image import Gray, Plane
 
@@ -134,6 +135,17 @@ def spread(residual: Floats, floor: float) -> float:
     return max(1.4826 * float(np.partition(np.abs(residual), middle)[middle]), floor) if residual.size else floor
 
 
+def solve_normal(normal: Floats, right: Floats) -> Floats:
+    """Solve normal @ p = right, normal (P, P) symmetric and positive; ValueError where it is not.
+
+    LAPACK's Cholesky, called directly: for a handful of parameters numpy's checks cost more than the solving.
+    """
+    _, parameters, info = dposv(normal, right)
+    if info != 0:
+        raise ValueError("the normal equations are singular: the points do not determine the parameters")
+    return np.asarray(parameters, dtype=np.float64)
+
+
 @dataclass(frozen=True, slots=True)
 class Fit:
     """Hold a robust linear fit: parameters (P,), their covariance (P, P), weights (N,), residual scale."""
@@ -167,8 +179,8 @@ def robust_fit(
     for turn in range(rounds):
         weighted = design.T * weights
         normal = weighted @ design
-        normal[np.diag_indices(size)] += pull * scale**2 + 1e-9
-        parameters = np.asarray(np.linalg.solve(normal, weighted @ target), dtype=np.float64)
+        normal.flat[:: size + 1] += pull * scale**2 + 1e-9
+        parameters = solve_normal(normal, weighted @ target)
         residual = target - design @ parameters
         kept = residual[weights > 0.1]
         scale = spread(kept if kept.size > size else residual, floor)

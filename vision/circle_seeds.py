@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vision.caliper import middle
 from vision.edgels import Edgels
 from vision.view import View
 
@@ -115,11 +116,11 @@ class _Board:
         best = int(np.argmax(shown))
         level = float(shown[best])
         while len(found) < MOST_RADII and shown[best] > SECOND_SHARE * level:
-            middle = best + 0.5
-            near = np.abs(radius - middle) < 1.5 + 0.06 * middle
-            sectors = min(max(int(2.5 * middle), 12), 48)
+            centre = best + 0.5
+            near = np.abs(radius - centre) < 1.5 + 0.06 * centre
+            sectors = min(max(int(2.5 * centre), 12), 48)
             seen = np.unique(np.floor(angle[near] * (sectors / (2.0 * np.pi)))).size
-            found.append((float(np.median(radius[near])) if seen else middle, min(seen / sectors, 1.0)))
+            found.append((middle(radius[near]) if seen else centre, min(seen / sectors, 1.0)))
             shown[max(int(0.8 * best) - 1, 0) : int(1.25 * best) + 2] = 0.0
             best = int(np.argmax(shown))
         return found

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from vision.caliper import Floats, middle, spread, tukey
+from vision.caliper import Floats, middle, solve_normal, spread, tukey
 from vision.circle import Contour
 from vision.image import Plane
 from vision.view import View
@@ -40,7 +40,7 @@ LEVEL_SLOPE = 0.006
 # A step this small ends the search.
 SETTLED_PX = 0.012
 # Interpolation, demosaicking and JPEG leave about this, whatever the noise.
-SYSTEMATIC_SIGMA_PX = 0.012
+SYSTEMATIC_SIGMA_PX = 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -260,8 +260,8 @@ def _iterate(pixels: _Pixels, start: Floats, view: View) -> tuple[Floats, Floats
         weights = tukey(residual, noise * (1.0 if turn else 1.5))
         weighted = design * weights
         normal = weighted @ design.T
-        normal[np.diag_indices_from(normal)] += noise**2 * pull + 1e-9
-        step = np.linalg.solve(normal, weighted @ residual + noise**2 * pull * (believed - state))
+        normal.flat[:: state.size + 1] += noise**2 * pull + 1e-9
+        step = solve_normal(normal, weighted @ residual + noise**2 * pull * (believed - state))
         state = state + step
         if not _plausible(state, start):
             return None

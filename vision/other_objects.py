@@ -23,6 +23,8 @@ LEAST_LISTED_PX = 9
 def other_objects(window: Window, explained: Iterable[SeenObject]) -> list[SeenObject]:
     """Return the bright objects that `explained` circles leave over, by brightness class from the top, in the frame."""
     done = blackened(window, explained)
+    if not np.any(window.smooth[done == 0] > window.board_level + LEAST_STEP):
+        return []
     levels = multi_otsu(window.smooth, CLASSES, ~window.hidden)
     found: list[SeenObject] = []
     for threshold in sorted({level for level in levels if level >= window.board_level + LEAST_STEP}, reverse=True):
@@ -62,6 +64,7 @@ def _describe(window: Window, region: Component) -> SeenObject:
         0.0,
         cut,
         in_needle,
+        False,
         None,
         None,
         window.distance_px(*at),

@@ -49,6 +49,8 @@ REFERENCE_SIGMA, TOLD_COVERAGE = 0.015, 0.9
 AGREE_PX = 0.1
 # What lies this near a whole circle is the other's blur.
 TOUCHING_PX = 2
+# A ring's inside is wider than this share of it and as bright as the board to this share of its step.
+RING_SHARE, RING_LIKENESS = 0.44, 0.08
 # Of pads smaller than this the middle may be a hole though it is not dark: duller than the ring by this share.
 DIP_RADIUS_PX, DIP_SHARE = 10.0, 0.12
 # The hole of a small pad must explain the pixels better by this much: chi square of four parameters, far out.
@@ -250,6 +252,7 @@ def _describe(window: Window, edgels: Edgels, circle: CircleFit) -> SeenObject:
         _neck(window, circle, (level + floor) / 2.0),
         outside,
         0.0,
+        _is_ring(circle, patch, idea, floor, level - floor),
         circle,
         hole,
         window.distance_px(circle.x_px, circle.y_px),
@@ -379,9 +382,18 @@ def _find_hole(
         elif max(region.box[2:]) > 3.0 * radius + 1.0:
             continue
         off_centre = float(np.hypot(idea.x_px - circle.x_px, idea.y_px - circle.y_px)) / circle.radius_px
-        if HOLE_LEAST < idea.radius_px / circle.radius_px < HOLE_LARGEST and off_centre < HOLE_WANDER:
+        sized = HOLE_LEAST < idea.radius_px / circle.radius_px < HOLE_LARGEST
+        if sized and off_centre < HOLE_WANDER:
             return idea
     return _dip(circle, patch, step) if circle.radius_px < DIP_RADIUS_PX else None
+
+
+def _is_ring(circle: CircleFit, patch: _Patch, hole: Contour | None, floor: float, step: float) -> bool:
+    """Tell whether a wide hole shows the board itself. A drilled one is mostly darker, or shows what lies below."""
+    if hole is None or hole.radius_px < RING_SHARE * circle.radius_px:
+        return False
+    within = patch.free & (patch.at(hole.x_px, hole.y_px) < 0.7 * hole.radius_px)
+    return bool(within.any()) and abs(middle(patch.level[within]) - floor) < RING_LIKENESS * step
 
 
 def _hole_rim(window: Window, edgels: Edgels, idea: Contour) -> Contour | None:

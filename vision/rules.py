@@ -17,6 +17,8 @@ from vision.circle import CircleFit
 VIA_RADIUS_PX = (5.0, 8.0)
 SITE_RADIUS_PX = (14.0, 21.0)
 CLASS_SLACK_PX = 0.5
+# Of a partly hidden one it is known this much worse.
+HIDDEN_SLACK_PX = 0.5
 # Thesis 5.4.2 steps 4 and 5.
 LEAST_AREA_PX = 20.0
 THIN_RATIO, THIN_WIDTH_PX, THIN_LENGTH_PX = 5.0, 2.0, 10.0
@@ -75,7 +77,7 @@ class SeenObject:
     disc of the same area (1 = round). boxed: share of that rectangle it fills. fill: bright share of its circle.
     level, contrast: its median brightness, and that above its surroundings. neck: width of the widest bright thing that
     goes on beyond its circle, over the circle's diameter (0 = nothing). in_needle: share of it where an unknown needle
-    may be. circle, hole: measured on raw pixels.
+    may be. ring: its hole is wide and shows the board, as in a drawn circle. circle, hole: measured on raw pixels.
     """
 
     x_px: float
@@ -91,6 +93,7 @@ class SeenObject:
     neck: float
     touches_border: bool
     in_needle: float
+    ring: bool
     circle: CircleFit | None
     hole: Hole | None
     distance_px: float
@@ -281,7 +284,8 @@ def sound(seen: SeenObject, wanted: Wanted) -> bool:
     """Tell whether an object is round, of a wanted size, no part of a stroke, bright all over and as metal is here."""
     if seen.circle is None or not is_round(seen):
         return False
-    sized = any(low <= seen.circle.radius_px <= high for low, high in wanted.radii_px)
+    slack = 0.0 if seen.circle.visible >= WHOLE_VISIBLE else HIDDEN_SLACK_PX
+    sized = any(low - slack <= seen.circle.radius_px <= high + slack for low, high in wanted.radii_px)
     alone = seen.neck <= WIDEST_TRACE or seen.hole is not None
     shaped = seen.circle.ratio >= LEAST_RATIO and seen.fill >= LEAST_FILL
     return alone and sized and shaped and not _dull(seen, seen.circle, wanted)

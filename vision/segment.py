@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from vision.image import Gray
 
 # Grey levels are counted in this many bins: fine enough for thresholds, small enough to search exhaustively.
-BINS = 64
+BINS = 32
 BIN_LEVELS = 256 // BINS
 
 

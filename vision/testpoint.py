@@ -50,6 +50,8 @@ SEEN_NEEDLE_MARGIN_PX = 1.3
 # A frame taken without light stays below this everywhere; a bare board under red light does not.
 DARK_LEVEL = 12.0
 LARGEST_RADIUS_PX = 200.0
+# What these rules throw may be ink, and ink of one print is equally bright to this share of its contrast.
+INK_RULES, INK_LIKENESS = frozenset({"thin", "elongated", "ragged", "stroke_end", "oval"}), 0.2
 # Two pads whose centres are nearer than this share of the sum of their radii would lie on each other. A doubtful one is
 # explained by a pad only if it lies within it.
 OVERLAP_SHARE, EXPLAINED_SHARE = 0.78, 0.55
@@ -153,7 +155,7 @@ def _look(
     decided = [decide(seen, _wanted(seen, circles, radius), rules) for seen in circles]
     rest = other_objects(window, [item.object for item in decided if item.verdict is not Verdict.PASS])
     regions = [decide(seen, Wanted(radius, 0.0), rules) for seen in rest]
-    decided = _angular_after_all(decided, regions)
+    decided = _drawn_after_all(_angular_after_all(decided, regions), regions)
     decided += [item for item in regions if not _inside(item.object.x_px, item.object.y_px, decided)]
     decided = _apart(decided)
     decided.sort(key=lambda item: item.object.distance_px)
@@ -187,6 +189,22 @@ def _angular_after_all(decided: list[Decided], regions: list[Decided]) -> list[D
             for box in rectangles
         )
         return replace(item, verdict=Verdict.THROW, rule=angular.__name__) if lies_in else item
+
+    return [judged(item) for item in decided]
+
+
+def _drawn_after_all(decided: list[Decided], regions: list[Decided]) -> list[Decided]:
+    """Leave undecided a ring that shows the board within and is as bright as the lettering round it: it may be drawn."""
+    ink = [item.object.level for item in (*regions, *decided) if item.rule in INK_RULES]
+    if not ink:
+        return decided
+    usual = float(np.median(ink))
+
+    def judged(item: Decided) -> Decided:
+        seen = item.object
+        alike = abs(usual - seen.level) < INK_LIKENESS * seen.contrast
+        drawn = item.verdict is Verdict.TAKE and seen.ring and alike
+        return replace(item, verdict=Verdict.PASS, rule="drawn_ring") if drawn else item
 
     return [judged(item) for item in decided]
 

@@ -7,7 +7,9 @@ from vision.circle import CircleFit, Contour
 from vision.rules import RULES, Hole, SeenObject, Verdict, Wanted, decide
 
 CIRCLE = CircleFit(50.0, 50.0, 17.0, 0.87, 1.0, 0.03, 1.0, 0.95, np.ones(48, bool), Contour(50.0, 50.0, 17.0))
-PAD = SeenObject(50.0, 50.0, 900.0, 34.0, 34.0, 1.0, 0.785, 1.0, 190.0, 150.0, 0.0, False, 0.0, CIRCLE, None, 5.0)
+PAD = SeenObject(
+    50.0, 50.0, 900.0, 34.0, 34.0, 1.0, 0.785, 1.0, 190.0, 150.0, 0.0, False, 0.0, False, CIRCLE, None, 5.0
+)
 BLOB = replace(PAD, circle=None)
 ANY = Wanted(None, 190.0)
 
