@@ -284,6 +284,9 @@ class Jobs:
         except Fault as disk:
             self.latch(disk)
         self._events.publish("result", result.model_dump(mode="json"), seq=result.seq)
+        # Answered is over: what is kept of it afterwards cannot be cancelled any more.
+        self._running = None
+        self._open.pop(ticket.request.id, None)
         if not ticket.done.done():
             ticket.done.set_result(result)
         log.info("job_done", outcome=result.outcome, ok=result.ok, error=fault.message if fault else None)

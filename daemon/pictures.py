@@ -22,7 +22,6 @@ from vision.annotate import draw_test_points, draw_tip
 
 log = structlog.get_logger(__name__)
 JPEG_QUALITY = 92
-SMALL_WINDOW_PX = 260
 
 
 class Pictures:
@@ -82,8 +81,8 @@ def _sheets(look: Seen) -> Iterator[tuple[str, Pixels]]:
     if look.tip is not None:
         yield "tip", draw_tip(look.white.pixels, look.tip, near_px=look.expected_tip_px)
     if isinstance(look.tip, Tip) and look.seen is not None:
-        zoom = 5 if look.seen.window_px[2] <= SMALL_WINDOW_PX else 3
-        yield "pads", draw_test_points(look.red.pixels, look.seen, (look.tip.x_px, look.tip.y_px), zoom)
+        at = look.tip.x_px, look.tip.y_px
+        yield "pads", draw_test_points(look.red.pixels, look.seen, at, needle=look.tip)
 
 
 def _folder_name(job_id: str) -> str:

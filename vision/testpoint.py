@@ -194,7 +194,7 @@ def _angular_after_all(decided: list[Decided], regions: list[Decided]) -> list[D
 
 
 def _drawn_after_all(decided: list[Decided], regions: list[Decided]) -> list[Decided]:
-    """Leave undecided a ring that shows the board within and is as bright as the lettering round it: it may be drawn."""
+    """Leave undecided a ring that shows the board within and is as bright as the lettering beside it."""
     ink = [item.object.level for item in (*regions, *decided) if item.rule in INK_RULES]
     if not ink:
         return decided

@@ -1,0 +1,53 @@
+"""How wide is what goes on beyond a circle: a trace, a stroke of which it is the end, a pad that touches."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vision.circle import CircleFit
+from vision.window import Flags, Window
+
+# Where is looked for what goes on beyond a circle: on these rings, in radii, along so many rays.
+NECK_RINGS, NECK_RAYS, NECK_BESIDE = (1.15, 1.25, 1.35, 1.45), 72, 3
+
+
+def neck_width(window: Window, circle: CircleFit, threshold: float) -> float:
+    """Return the width of the widest thing above `threshold` just beyond a circle, over the circle's diameter."""
+    angles = np.arange(NECK_RAYS, dtype=np.float64)[:, None] * (2.0 * np.pi / NECK_RAYS)
+    xs, ys = window.view.to_image(circle.x_px, circle.y_px, np.array(NECK_RINGS) * circle.contour.radius_px, angles)
+    rows = np.clip(np.rint(ys).astype(np.intp), 0, window.shape[0] - 1)
+    columns = np.clip(np.rint(xs).astype(np.intp), 0, window.shape[1] - 1)
+    hidden = window.hidden[rows, columns] | window.maybe_hidden[rows, columns]
+    bright = (window.smooth[rows, columns] > threshold) & ~window.hidden[rows, columns]
+    if not bright.any():
+        return 0.0
+    # Whatever goes on does so on every ring; the narrowest of its widths tells a touching pad from a stroke.
+    return min(
+        _widest(_behind(on_ring, unseen)) * ring
+        for on_ring, unseen, ring in zip(bright.T, hidden.T, NECK_RINGS, strict=True)
+    )
+
+
+def _behind(bright: Flags, hidden: Flags) -> Flags:
+    """Return a ring's bright rays with those that hide between two bright ones, or beside one: it goes on there."""
+    if not hidden.any() or hidden.all():
+        return bright
+    start = int(np.argmin(hidden))
+    bright, hidden = np.roll(bright, -start), np.roll(hidden, -start)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], hidden, [False]]).astype(np.int8)))
+    filled = bright.copy()
+    for first, after in zip(edges[::2], edges[1::2], strict=True):
+        beside = bright[first - NECK_BESIDE : first].any() or bright[after : after + NECK_BESIDE].any()
+        filled[first:after] |= beside
+    return filled
+
+
+def _widest(bright: Flags) -> float:
+    """Return the half width of the longest run round a ring of radius 1: 1 where it spans half of the ring or more."""
+    if bright.all():
+        return 1.0
+    # Unrolled from a dark ray on, every run is whole.
+    unrolled = np.roll(bright, -int(np.argmin(bright)))
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], unrolled, [False]]).astype(np.int8)))
+    longest = int((edges[1::2] - edges[::2]).max()) if edges.size else 0
+    return float(np.sin(min(np.pi * longest / bright.size, np.pi / 2.0)))
