@@ -43,7 +43,8 @@ def name_it(plane: Gray, sighting: Sighting, model: ProbeModel, origin: tuple[in
             f"{100 * clipped:.0f} % of the pixels round the needle are at full scale: shorten the exposure or look for "
             "a second light",
         )
-    sharpness = strip_sharpness(strip)
+    # A bare board where the needle should be has nothing sharp either: the rest of the picture tells.
+    sharpness = max(strip_sharpness(strip), picture_sharpness(plane))
     if sharpness < LEAST_STRIP_SHARPNESS:
         return blurred(sharpness, LEAST_STRIP_SHARPNESS)
     image = plane.astype(np.float32)
@@ -58,6 +59,14 @@ def strip_sharpness(strip: Strip) -> float:
     slope = np.abs(derivative(np.ascontiguousarray(strip.pixels[::2]), 1.0))
     low, high = quantiles(strip.pixels[::4, ::4], 0.02, 0.99)
     return quantiles(slope[:, ::2], 0.0, 0.99)[1] / max(high - low, 1.0)
+
+
+def picture_sharpness(plane: Gray) -> float:
+    """Return the steepest slopes of a picture (H, W) uint8 over its range of levels, 1/px."""
+    smooth = cv2.GaussianBlur(plane, (0, 0), 1.0)
+    slope = np.hypot(*(cv2.Sobel(smooth, cv2.CV_32F, dx, 1 - dx, scale=0.125) for dx in (0, 1)))
+    low, high = quantiles(np.asarray(plane[::4, ::4], dtype=np.float32), 0.02, 0.99)
+    return quantiles(np.asarray(slope[::2, ::2], dtype=np.float32), 0.0, 0.99)[1] / max(high - low, 1.0)
 
 
 def _turned(

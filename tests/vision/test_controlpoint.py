@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from tests.vision.scene import Camera, Canvas, Needle, draw_needle, frame_of
+from tests.vision.studio.mark import mark_scene
 from vision import ControlPoint, NotFound, Reason, find_control_point
 
 AROUND = (428.0, 620.0)
@@ -65,3 +66,55 @@ def test_blank_dark_and_outside_are_named() -> None:
         assert result.reason is reason
     with pytest.raises(ValueError, match="reach_px"):
         find_control_point(blank, AROUND, reach_px=float("nan"))
+
+
+@pytest.mark.parametrize("hard", [False, True])
+@pytest.mark.parametrize("hidden_arms", [0, 1, 2])
+def test_another_artists_marks_are_found_to_0_2_px_from_25_px_away(hidden_arms: int, hard: bool) -> None:
+    errors, pulls = [], []
+    for seed in range(6):
+        scene = mark_scene(400 + seed, hidden_arms=hidden_arms, hard=hard)
+        way = np.random.default_rng(seed).uniform(0, 2 * np.pi)
+        around = scene.centre_px[0] + 25 * np.cos(way), scene.centre_px[1] + 25 * np.sin(way)
+        point = find_control_point(scene.frame, around)
+        assert isinstance(point, ControlPoint)
+        assert len(point.arms) >= max(3 - hidden_arms, 2)
+        errors.append(np.hypot(point.x_px - scene.centre_px[0], point.y_px - scene.centre_px[1]))
+        pulls.append(errors[-1] / point.sigma_px)
+    assert np.sqrt(np.mean(np.square(errors))) <= 0.2
+    assert max(errors) < 0.5
+    assert max(pulls) < 5.0
+
+
+def drawn(*arms: tuple[float, float, float, float]) -> np.ndarray:
+    """Return a frame of dark arms (x, y, direction in degrees, length), each beginning at (x, y)."""
+    canvas = Canvas(AROUND, (200, 200), 205.0)
+    for x, y, angle, length in arms:
+        c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+        canvas.paint(canvas.bar((x + length / 2 * c, y + length / 2 * s), angle, length + 5, 6), 40.0)
+    return frame_of(canvas.develop(Camera(), np.random.default_rng(1)), canvas, True, 205.0)
+
+
+@pytest.mark.parametrize("directions", [(10, 100), (10, 100, 190), (33, 123, 303)])
+def test_a_corner_or_a_junction_on_bare_paper_is_no_control_point(directions: tuple[int, ...]) -> None:
+    result = find_control_point(drawn(*((*AROUND, angle, 90) for angle in directions)), AROUND)
+    assert isinstance(result, NotFound)
+    assert "missing though nothing hides it" in result.message
+
+
+def test_one_crossing_of_many_is_not_picked() -> None:
+    x, y = AROUND
+    across = [(x - 150, y + 30 * k, 0.0, 300.0) for k in range(-6, 7)]
+    down = [(x + 30 * k, y - 150, 90.0, 300.0) for k in range(-6, 7)]
+    result = find_control_point(drawn(*across, *down), AROUND)
+    assert isinstance(result, NotFound)
+    assert result.reason is Reason.AMBIGUOUS
+
+
+def test_dashed_lines_are_no_arms() -> None:
+    x, y = AROUND
+    dashes = []
+    for angle in (0.0, 90.0, 180.0, 270.0):
+        c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+        dashes += [(x + r * c, y + r * s, angle, 12.0) for r in range(0, 100, 28)]
+    assert isinstance(find_control_point(drawn(*dashes), AROUND), NotFound)
