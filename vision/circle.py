@@ -18,7 +18,7 @@ from vision.edgels import Edgels
 from vision.view import View, ellipse_of
 
 Flags = NDArray[np.bool_]
-LEAST_POINTS = 8
+LEAST_POINTS, LEAST_FOR_FOURTH = 8, 16
 LEAST_COVERAGE = 0.35
 # An edge this near the fit lies on it: small circles must not be met by the bends and corners of strokes.
 NEAR_PX, NEAR_SHARE, MOST_NEAR_PX = 0.35, 0.05, 0.8
@@ -55,8 +55,10 @@ class CircleFit:
 
     x_px, y_px: centre; radius_px: semi-major; ratio: minor over major axis; minor_rad: direction of the minor axis;
     sigma_px: 1-sigma of each coordinate of the centre. visible: share of the contour that nothing hides (0..1).
-    coverage: share of the visible contour with an edge on the fit (0..1). sectors: (S,) along which board angles the
-    edge shows. contour: the same ellipse in the view's terms.
+    coverage: share of the visible contour with an edge on the fit (0..1). squareness: amplitude of the contour's fourth
+    harmonic as a share of the radius (a square's is 0.08, a disc's 0). noise: residual scale as a share of the step, 0
+    until measured on the pixels. sectors: (S,) along which board angles the edge shows. contour: the same ellipse in
+    the view's terms.
     """
 
     x_px: float
@@ -67,6 +69,8 @@ class CircleFit:
     sigma_px: float
     visible: float
     coverage: float
+    squareness: float
+    noise: float
     sectors: Flags
     contour: Contour
 
@@ -191,6 +195,18 @@ def _judge(
         float(np.hypot(sigma, 0.03)),
         visible / sectors,
         coverage,
+        _squareness(ring, contour),
+        0.0,
         shown,
         contour,
     )
+
+
+def _squareness(ring: _Ring, contour: Contour) -> float:
+    """Return the amplitude of the fourth harmonic of the edge points about a contour, over its radius."""
+    if ring.off_px.size < LEAST_FOR_FOURTH:
+        return 0.0
+    angle = 4.0 * np.arctan2(ring.sine, ring.cosine)
+    design = np.concatenate([ring.design(), np.cos(angle)[:, None], np.sin(angle)[:, None]], axis=1)
+    fit = robust_fit(design, ring.off_px, floor=0.1, rounds=2)
+    return float(np.hypot(fit.parameters[5], fit.parameters[6])) / contour.radius_px

@@ -103,6 +103,7 @@ def _measure(window: Window, circle: CircleFit, idea: Contour | None) -> tuple[H
         ratio=ratio,
         minor_rad=minor,
         sigma_px=fit.sigma_px,
+        noise=fit.noise / fit.step,
         contour=contour,
     )
     if fit.hole is None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import zipfile
+import zlib
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -126,7 +127,7 @@ class ProbeModel:
             try:
                 with np.load(file, allow_pickle=False) as stored:
                     return _from_stored(json.loads(str(stored["facts"])), stored)
-            except (KeyError, TypeError, ValueError, EOFError, OSError, zipfile.BadZipFile) as exc:
+            except (KeyError, TypeError, ValueError, EOFError, OSError, zipfile.BadZipFile, zlib.error) as exc:
                 raise ValueError(f"{path} is not a probe model ({exc}): teach the needle again") from exc
 
 

@@ -33,6 +33,10 @@ ROUND_COVERAGE, LEAST_VISIBLE = 0.70, 0.50
 LEAST_RATIO, OVAL_RATIO, WHOLE_SHAPE = 0.785, 0.74, 0.75
 # What the others' brightness is held against is round all over and stands alone.
 CLEAR_COVERAGE, CLEAR_NECK = 0.9, 0.4
+# A square of rounded corners has a fourth harmonic of 0.05 to 0.08 of its radius; ragged discs have less.
+MOST_SQUARE, SQUARE_NOISE_PX = 0.045, 0.05
+# Residual noise of a disc over its step: what is noisier is drawn by chance.
+MOST_NOISE = 0.25
 # Metal much duller than the brightest round thing beside it may be silkscreen: not taken, not thrown. A circle of which
 # part is hidden must stand out as the brightest does: a stroke of silkscreen cut off by the needle looks like one.
 DULL_SHARE, DULL_CONTRAST_SHARE = 0.55, 0.75
@@ -287,8 +291,15 @@ def sound(seen: SeenObject, wanted: Wanted) -> bool:
     slack = 0.0 if seen.circle.visible >= WHOLE_VISIBLE else HIDDEN_SLACK_PX
     sized = any(low - slack <= seen.circle.radius_px <= high + slack for low, high in wanted.radii_px)
     alone = seen.neck <= WIDEST_TRACE or seen.hole is not None
-    shaped = seen.circle.ratio >= LEAST_RATIO and seen.fill >= LEAST_FILL
-    return alone and sized and shaped and not _dull(seen, seen.circle, wanted)
+    shaped = seen.circle.ratio >= LEAST_RATIO and not _square(seen.circle) and seen.fill >= LEAST_FILL
+    clean = seen.circle.noise < MOST_NOISE
+    return alone and sized and shaped and clean and not _dull(seen, seen.circle, wanted)
+
+
+def _square(circle: CircleFit) -> bool:
+    """Tell whether a contour has the corners of a square; of a half-hidden one nothing is said."""
+    limit = MOST_SQUARE + SQUARE_NOISE_PX / circle.radius_px
+    return circle.visible >= WHOLE_SHAPE and circle.squareness > limit
 
 
 def _dull(seen: SeenObject, circle: CircleFit, wanted: Wanted) -> bool:

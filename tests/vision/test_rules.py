@@ -6,7 +6,9 @@ import pytest
 from vision.circle import CircleFit, Contour
 from vision.rules import RULES, Hole, SeenObject, Verdict, Wanted, decide
 
-CIRCLE = CircleFit(50.0, 50.0, 17.0, 0.87, 1.0, 0.03, 1.0, 0.95, np.ones(48, bool), Contour(50.0, 50.0, 17.0))
+CIRCLE = CircleFit(
+    50.0, 50.0, 17.0, 0.87, 1.0, 0.03, 1.0, 0.95, 0.01, 0.05, np.ones(48, bool), Contour(50.0, 50.0, 17.0)
+)
 PAD = SeenObject(
     50.0, 50.0, 900.0, 34.0, 34.0, 1.0, 0.785, 1.0, 190.0, 150.0, 0.0, False, 0.0, False, CIRCLE, None, 5.0
 )
@@ -47,6 +49,8 @@ def sized(radius: float, **change: object) -> SeenObject:
         (replace(PAD, circle=replace(CIRCLE, ratio=0.7)), ANY, Verdict.THROW, "oval"),
         (replace(PAD, circle=replace(CIRCLE, ratio=0.7, visible=0.6)), ANY, Verdict.PASS, "no_rule"),
         (replace(PAD, circle=replace(CIRCLE, ratio=0.77)), ANY, Verdict.PASS, "no_rule"),
+        (replace(PAD, circle=replace(CIRCLE, squareness=0.08)), ANY, Verdict.PASS, "no_rule"),
+        (replace(PAD, circle=replace(CIRCLE, noise=0.4)), ANY, Verdict.PASS, "no_rule"),
     ],
 )
 def test_each_object_is_decided_by_its_rule(seen: SeenObject, wanted: Wanted, verdict: Verdict, rule: str) -> None:
