@@ -19,6 +19,8 @@ from vision.view import View, ellipse_of
 
 Flags = NDArray[np.bool_]
 LEAST_POINTS, LEAST_FOR_FOURTH = 8, 16
+# Fewer edge points than this share of a contour's length are not worth a fit; a shape is asked of rounder things only.
+LEAST_LENGTH, LEAST_FOR_SHAPE = 0.3, 0.65
 LEAST_COVERAGE = 0.35
 # An edge this near the fit lies on it: small circles must not be met by the bends and corners of strokes.
 NEAR_PX, NEAR_SHARE, MOST_NEAR_PX = 0.35, 0.05, 0.8
@@ -108,6 +110,8 @@ def fit_circle(
     contour, sigma = seed, 0.0
     prior = np.array([np.inf, np.inf, np.inf, view.shape_sigma * seed.radius_px, view.shape_sigma * seed.radius_px])
     ring = _ring(edgels, contour, view, reach_px, bright_inside)
+    if ring.off_px.size < LEAST_LENGTH * 2.0 * np.pi * seed.radius_px:
+        return None
     for turn in range(ROUNDS):
         if ring.off_px.size < LEAST_POINTS:
             return None
@@ -195,7 +199,7 @@ def _judge(
         float(np.hypot(sigma, 0.03)),
         visible / sectors,
         coverage,
-        _squareness(ring, contour),
+        _squareness(ring, contour) if coverage >= LEAST_FOR_SHAPE else 0.0,
         0.0,
         shown,
         contour,

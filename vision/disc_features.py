@@ -13,13 +13,15 @@ from vision.edgels import Edgels
 from vision.holes import DIP_RADIUS_PX, find_hole, is_ring
 from vision.neck import neck_width
 from vision.patch import cut_patch
-from vision.rules import Hole, SeenObject
+from vision.rules import LEAST_VISIBLE, ROUND_COVERAGE, Hole, SeenObject
 from vision.window import Window
 
 # Measured without its blur a hole lies below its pad by at least this share of the pad's step; a probe's mark does not.
 HOLE_STEP = 0.55
 # The hole of a small pad must explain the pixels better by this much: chi square of four parameters, far out.
 HOLE_EVIDENCE = 30.0
+# Edge points alone give an ellipse's ratio to about 0.05; a pad's is 0.785 or more.
+PLAUSIBLE_RATIO = 0.68
 # Levels are taken where nothing can stand in front, if that is this share of the disc or more.
 LEAST_CLEAR = 0.3
 # A measured disc that differs from its edge points by more than this (px, or share of the radius) is something else.
@@ -37,7 +39,7 @@ def describe_disc(window: Window, edgels: Edgels, circle: CircleFit) -> SeenObje
     level = middle(disc, 0.65) if disc.size else 0.0
     floor = middle(ring, 0.4) if ring.size else window.board_level
     idea, hole, measured = None, None, None
-    if level > floor:
+    if level > floor and _may_be_a_pad(circle):
         idea = find_hole(window, edgels, circle, patch, level - floor, level)
         hole, measured = _measure(window, circle, idea)
     body = inside & clear
@@ -70,6 +72,11 @@ def describe_disc(window: Window, edgels: Edgels, circle: CircleFit) -> SeenObje
         hole=hole,
         distance_px=window.distance_px(circle.x_px, circle.y_px),
     )
+
+
+def _may_be_a_pad(circle: CircleFit) -> bool:
+    """Tell whether measuring is worth the time: what is not round enough is never taken."""
+    return circle.coverage >= ROUND_COVERAGE and circle.visible >= LEAST_VISIBLE and circle.ratio > PLAUSIBLE_RATIO
 
 
 def _measure(window: Window, circle: CircleFit, idea: Contour | None) -> tuple[Hole | None, CircleFit | None]:

@@ -46,8 +46,10 @@ def _widest(bright: Flags) -> float:
     """Return the half width of the longest run round a ring of radius 1: 1 where it spans half of the ring or more."""
     if bright.all():
         return 1.0
-    # Unrolled from a dark ray on, every run is whole.
-    unrolled = np.roll(bright, -int(np.argmin(bright)))
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], unrolled, [False]]).astype(np.int8)))
-    longest = int((edges[1::2] - edges[::2]).max()) if edges.size else 0
+    # Twice round, so that every run is whole once; a run is as long as often its bits survive a shift upon themselves.
+    bits = int.from_bytes(np.packbits(np.concatenate([bright, bright])).tobytes(), "big")
+    longest = 0
+    while bits:
+        bits &= bits << 1
+        longest += 1
     return float(np.sin(min(np.pi * longest / bright.size, np.pi / 2.0)))

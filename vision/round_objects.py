@@ -34,6 +34,8 @@ LARGER_SHARE = 1.6
 REFERENCE_SIGMA, TOLD_COVERAGE = 0.015, 0.9
 # Two measurements of one circle agree to this, px, and three sigma.
 AGREE_PX = 0.1
+# Circles touch whose centres are nearer than this share of the sum of their radii.
+TOUCH_SHARE = 1.25
 # What lies this near a whole circle is the other's blur.
 TOUCHING_PX = 2
 
@@ -84,6 +86,10 @@ def _without_doubt(window: Window, edgels: Edgels, seen: SeenObject) -> SeenObje
     circle = seen.circle
     if circle is None:
         return seen
+    reach = circle.radius_px + 2.0
+    box = tuple(slice(max(int(v - reach), 0), int(v + reach) + 1) for v in (circle.y_px, circle.x_px))
+    if not window.maybe_hidden[box].any():
+        return seen
     clear = replace(window, hidden=window.hidden | window.maybe_hidden, maybe_hidden=np.zeros_like(window.maybe_hidden))
     points = edgels.outside(clear.hidden)
     other = _fit(clear, points, Contour(circle.x_px, circle.y_px, circle.radius_px))
@@ -112,15 +118,25 @@ def _again(window: Window, edgels: Edgels, found: list[SeenObject]) -> list[Seen
     again: list[SeenObject] = []
     for seen in found:
         circle = seen.circle
-        if circle is None or (seen in whole and circle.visible > WHOLE_VISIBLE):
+        is_whole = seen in whole
+        if circle is None or not (circle.visible <= WHOLE_VISIBLE or (not is_whole and _touches(circle, whole))):
             again.append(seen)
             continue
-        others = known if seen not in whole else replace(known, hidden=window.hidden)
-        points = left_over if seen not in whole else edgels
+        others = replace(known, hidden=window.hidden) if is_whole else known
+        points = edgels if is_whole else left_over
         better = _fit(others, points, Contour(circle.x_px, circle.y_px, circle.radius_px))
         told = better is not None and better.coverage > TOLD_COVERAGE * circle.coverage
         again.append(describe_disc(others, points, better) if better and told else seen)
     return again
+
+
+def _touches(circle: CircleFit, whole: list[SeenObject]) -> bool:
+    """Tell whether a circle reaches a whole one, or nearly."""
+    return any(
+        np.hypot(circle.x_px - other.x_px, circle.y_px - other.y_px)
+        < TOUCH_SHARE * (circle.radius_px + 0.5 * other.length_px)
+        for other in whole
+    )
 
 
 def _fit(window: Window, edgels: Edgels, seed: Contour) -> CircleFit | None:
