@@ -31,7 +31,7 @@ MOST_MISFIT = 25.0
 LEAST_NOISE = 0.4
 LEAST_BLUR_PX, MOST_BLUR_PX = 0.35, 3.0
 START_BLUR_PX, BLUR_SIGMA_PX = 1.1, 0.4
-HOLE_STEP_SIGMA = 0.3
+HOLE_STEP_SIGMA, SMALL_RADIUS_PX = 0.3, 10.0
 # Share of the pixels that must agree with the model.
 LEAST_AGREE = 0.5
 LEAST_PIXELS = 40
@@ -247,7 +247,7 @@ def _iterate(pixels: _Pixels, start: Floats, view: View) -> tuple[Floats, Floats
     # Levels slope a little, and the blur is that of a lens in focus.
     pull[[FLOOR + 1, FLOOR + 2, STEP + 1, STEP + 2]] = (LEVEL_SLOPE * start[RADIUS] * start[STEP]) ** -2
     pull[BLUR] = BLUR_SIGMA_PX**-2
-    if start.size > SIZE:
+    if start.size > SIZE and start[RADIUS] < SMALL_RADIUS_PX:
         # A hole is as dark as the board or darker; with a blur of its own size it cannot say so for itself.
         believed[SIZE], pull[SIZE] = start[STEP], (HOLE_STEP_SIGMA * start[STEP]) ** -2
     weights, noise = np.ones_like(pixels.level), 1.0

@@ -16,8 +16,9 @@ from vision.patch import cut_patch
 from vision.rules import LEAST_VISIBLE, ROUND_COVERAGE, Hole, SeenObject
 from vision.window import Window
 
-# Measured without its blur a hole lies below its pad by at least this share of the pad's step; a probe's mark does not.
-HOLE_STEP = 0.55
+# Measured without its blur a hole lies below its pad by at least this share of the pad's step, in a small pad and in a
+# large one; a probe's mark does not.
+HOLE_STEP, LARGE_HOLE_STEP = 0.55, 0.75
 # The hole of a small pad must explain the pixels better by this much: chi square of four parameters, far out.
 HOLE_EVIDENCE = 30.0
 # Edge points alone give an ellipse's ratio to about 0.05; a pad's is 0.785 or more.
@@ -88,9 +89,10 @@ def _measure(window: Window, circle: CircleFit, idea: Contour | None) -> tuple[H
         )
 
     fit = attempt(idea) if idea is not None else None
-    if fit is None or fit.hole_step < HOLE_STEP * fit.step:
+    small = circle.radius_px < DIP_RADIUS_PX
+    if fit is None or fit.hole_step < (HOLE_STEP if small else LARGE_HOLE_STEP) * fit.step:
         fit = attempt(None)
-    elif circle.radius_px < DIP_RADIUS_PX:
+    elif small:
         plain = attempt(None)
         if plain is not None and plain.misfit - fit.misfit < HOLE_EVIDENCE * fit.noise**2:
             fit = plain

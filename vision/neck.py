@@ -36,9 +36,9 @@ def _behind(bright: Flags, hidden: Flags) -> Flags:
     bright, hidden = np.roll(bright, -start), np.roll(hidden, -start)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], hidden, [False]]).astype(np.int8)))
     filled = bright.copy()
-    for first, after in zip(edges[::2], edges[1::2], strict=True):
-        beside = bright[first - NECK_BESIDE : first].any() or bright[after : after + NECK_BESIDE].any()
-        filled[first:after] |= beside
+    for first, after in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        beside = (*range(first - NECK_BESIDE, first), *range(after, after + NECK_BESIDE))
+        filled[first:after] |= np.take(bright, beside, mode="wrap").any()
     return filled
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import zipfile
 import zlib
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -105,6 +105,7 @@ class ProbeModel:
             "angle_rad": self.angle_rad,
             "shape": asdict(self.shape),
             "cylinder_rows": self.outline.cylinder_rows,
+            "by_ratio": self.outline.by_ratio,
             "corner_px": self.corner_px,
             "frame_px": self.frame_px,
             "marking_contrast": self.marking_contrast,
@@ -135,6 +136,7 @@ def _from_stored(facts: dict[str, Any], stored: Any) -> ProbeModel:
     if facts["version"] != VERSION:
         raise ValueError(f"it has version {facts['version']}, this program reads version {VERSION}")
     outline = _outline(np.asarray(stored["outline"], dtype=np.float64), int(facts["cylinder_rows"]))
+    outline = replace(outline, by_ratio=bool(facts.get("by_ratio", False)))
     template = np.ascontiguousarray(stored["template"])
     mask = np.ascontiguousarray(stored["template_mask"])
     form = np.asarray(stored["rim_form_px"], dtype=np.float64)

@@ -108,25 +108,24 @@ def _again(window: Window, edgels: Edgels, found: list[SeenObject]) -> list[Seen
     They tell how obliquely the board is seen, and where they touch another its contour cannot show.
     """
     whole = [seen for seen in found if _whole(seen) and seen.circle and seen.circle.ratio > LEAST_RATIO]
-    if not whole or len(whole) == len(found):
+    best = max((seen.circle for seen in whole if seen.circle), key=lambda c: c.visible * c.radius_px, default=None)
+    if best is None:
         return found
-    known = replace(window, hidden=blackened(window, whole, TOUCHING_PX) > 0)
-    best = max(whole, key=lambda seen: seen.circle.visible * seen.circle.radius_px if seen.circle else 0.0).circle
-    if best is not None and best.visible > WHOLE_VISIBLE:
-        known = replace(known, view=View(best.ratio, best.minor_rad, REFERENCE_SIGMA))
-    left_over = edgels.outside(known.hidden)
+    known = window
+    if best.visible > WHOLE_VISIBLE:
+        known = replace(window, view=View(best.ratio, best.minor_rad, REFERENCE_SIGMA))
     again: list[SeenObject] = []
     for seen in found:
-        circle = seen.circle
-        is_whole = seen in whole
-        if circle is None or not (circle.visible <= WHOLE_VISIBLE or (not is_whole and _touches(circle, whole))):
+        circle, others = seen.circle, [other for other in whole if other is not seen]
+        half_hidden = circle is not None and circle.visible <= WHOLE_VISIBLE
+        if circle is None or not others or not (half_hidden or (seen not in whole and _touches(circle, others))):
             again.append(seen)
             continue
-        others = replace(known, hidden=window.hidden) if is_whole else known
-        points = edgels if is_whole else left_over
-        better = _fit(others, points, Contour(circle.x_px, circle.y_px, circle.radius_px))
+        behind = replace(known, hidden=blackened(window, others, TOUCHING_PX) > 0)
+        left_over = edgels.outside(behind.hidden)
+        better = _fit(behind, left_over, Contour(circle.x_px, circle.y_px, circle.radius_px))
         told = better is not None and better.coverage > TOLD_COVERAGE * circle.coverage
-        again.append(describe_disc(others, points, better) if better and told else seen)
+        again.append(describe_disc(behind, left_over, better) if better and told else seen)
     return again
 
 

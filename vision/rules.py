@@ -170,9 +170,9 @@ def stroke_end(seen: SeenObject, wanted: Wanted) -> Verdict:
     """Throw the round ends of strokes of silkscreen: they look like a filled via that goes on at its full width.
 
     A neck nearly as wide belongs to a stroke too when the whole is duller than the metal beside it. Lettering has no
-    drilled holes: with one, it is a via, however wide its trace.
+    drilled holes: with one, it is a via, however wide its trace. What goes on behind a needle may be a pad that touches.
     """
-    if seen.circle is None or seen.hole is not None:
+    if seen.circle is None or seen.hole is not None or seen.circle.visible < WHOLE_SHAPE:
         return Verdict.PASS
     dull = seen.contrast < DULL_STROKE_SHARE * wanted.brightest_contrast
     return Verdict.THROW if seen.neck >= (WIDEST_TRACE if dull else STROKE_NECK) else Verdict.PASS

@@ -30,7 +30,6 @@ from vision.rules import (
     angular,
     decide,
     is_clear,
-    is_round,
     is_via,
 )
 from vision.tip import Tip
@@ -181,7 +180,7 @@ def _angular_after_all(decided: list[Decided], regions: list[Decided]) -> list[D
 
     def judged(item: Decided) -> Decided:
         circle = item.object.circle
-        if item.verdict is not Verdict.PASS or circle is None or is_round(item.object):
+        if item.verdict is not Verdict.PASS or circle is None:
             return item
         lies_in = any(
             np.hypot(box.object.x_px - item.object.x_px, box.object.y_px - item.object.y_px) < 0.5 * circle.radius_px

@@ -152,7 +152,8 @@ def metal_beyond(needle: Measured, model: ProbeModel) -> float:
     of its taper, or its marking goes on there too. A pad or lettering behind it may do so beside one of them.
     """
     outline, axis = model.outline, needle.axis
-    thick = outline.half_px > 0.6 * model.shape.cylinder_half_px
+    half_px = min(outline.half_at_px(-model.h_px), model.shape.cylinder_half_px)
+    thick = outline.half_px > 0.6 * half_px
     taper, cylinder = thick & outline.on_taper, thick & ~outline.on_taper
     worst = 0.0
     for side, edge, wider in ((-1.0, outline.left_px, -1.0), (1.0, outline.right_px, 1.0)):
@@ -161,9 +162,10 @@ def metal_beyond(needle: Measured, model: ProbeModel) -> float:
         for part in (taper, cylinder):
             inside = middle(_levels(needle, outline.u_px[part], grown[part] - 3.0 * side))
             outside = _levels(needle, outline.u_px[part], grown[part] + 4.0 * side)
-            shares.append(float(np.mean(outside > 0.75 * min(inside, needle.metal))))
+            bright = int(np.count_nonzero(outside > 0.75 * min(inside, needle.metal)))
+            shares.append(bright / max(outside.size, 1))
         marked = np.arange(needle.rim1_u_px + 8.0, needle.rim2.u_px - 8.0, 2.0)
-        beside = middle(_levels(needle, marked, np.full(marked.size, side * (model.shape.cylinder_half_px + 4.0))))
+        beside = middle(_levels(needle, marked, np.full(marked.size, side * (half_px + 4.0))))
         goes_on = beside < needle.dark + 0.25 * (needle.metal - needle.dark)
         worst = max(worst, shares[1] if goes_on else min(shares))
     return worst

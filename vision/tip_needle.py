@@ -80,7 +80,7 @@ def sight(image: Plane, matches: list[Match], model: ProbeModel, origin: tuple[i
     for match in matches:
         at = match.x_px - origin[0], match.y_px - origin[1]
         strip = around(image, at, match.angle_rad, model.shape, SPARE_PX)
-        slope = across_slope(strip)
+        slope = across_slope(strip, by_ratio=model.outline.by_ratio)
         seen.append(Sighting(match, strip, slope, vote(strip, slope, model.outline, -model.h_px)))
         if seen[-1].vote.share > SURE_SHARE:
             break
@@ -111,7 +111,7 @@ def measure(image: Plane, sighting: Sighting, shift_px: float, model: ProbeModel
     rough, found = sighting.strip, sighting.vote
     at = rough.to_image(shift_px, found.a_px + found.b * shift_px)
     strip = around(image, at, sighting.angle_rad, model.shape, 0)
-    slope = across_slope(strip)
+    slope = across_slope(strip, by_ratio=model.outline.by_ratio)
     points = edge_points(strip, slope, model.outline, (0.0, 0.0), (0.0, 0.0), FIRST_REACH_PX)
     axis = fit_axis(points, -model.h_px)
     if axis is None:
@@ -129,7 +129,7 @@ def measure(image: Plane, sighting: Sighting, shift_px: float, model: ProbeModel
 def _with_rims(strip: Strip, slope: Plane, points: EdgePoints, axis: Axis, free: Axis, model: ProbeModel) -> Measured:
     reach = model.rim_form_px.size // 2
     columns = np.arange(-reach, reach + 1)
-    line, half = (axis.a_px, axis.b), model.shape.cylinder_half_px
+    line, half = (axis.a_px, axis.b), model.outline.half_at_px(-model.h_px)
     at = np.full(columns.size, -model.h_px)
     rim2 = join_rim(columns, half, *rim_places(strip, line, columns, at + model.rim_form_px, 6, 1.0), model.rim_form_px)
     inner = columns[np.abs(columns) <= 5]

@@ -17,8 +17,11 @@ from vision.tip_silhouette import Silhouette, caliper_rows
 from vision.tip_strip import Strip, across_slope, edge_maps, middle_profile
 
 HINT_REACH_DEG = 12.0
-# Half widths that are tried, px.
+# Half widths that are tried, px, and how much they may grow per px towards the barrel: a long taper need not end at the
+# marking. A growing one has to show so much more (0..1) of its edges than the best straight one.
 CYLINDER_HALVES_PX: Floats = np.arange(8.0, 50.1, 1.0)
+FLARES = (0.0, 0.02, 0.04, 0.06, 0.08, 0.1)
+FLARED_LEAD = 0.2
 HALF_STEP_PX = 0.5
 # From one caliper to the next a needle narrows by no more, and grows by no more, px.
 MOST_NARROWING_PX, MOST_GROWTH_PX = 2.0, 0.5
@@ -55,13 +58,16 @@ class EdgePairs:
     reach_px: int
 
     @classmethod
-    def of(cls, strip: Strip) -> EdgePairs:
-        """Return the edges of a strip."""
-        rising, falling = edge_maps(across_slope(strip), strip.edge_level)
+    def of(cls, strip: Strip, *, by_ratio: bool = False) -> EdgePairs:
+        """Return the edges of a strip, of its brightness or of the brightness' logarithm."""
+        rising, falling = edge_maps(across_slope(strip, by_ratio=by_ratio), strip.edge_level)
         return cls(rising, falling, strip.u_from_px, strip.reach_px)
 
     def pairs(self, u_px: Floats, tilt: float, shift_px: float, halves_px: Floats) -> Floats:
-        """Return (rows, halves) 0..1: how much both edges are seen `halves_px` beside the line at rows `u_px`."""
+        """Return (rows, halves) 0..1: how much both edges are seen `halves_px` beside the line at rows `u_px`.
+
+        halves_px: (halves,), or (rows, halves) where they differ from row to row.
+        """
         rows = (np.rint(u_px).astype(np.intp) - self.u_from_px)[:, None]
         inside = (rows >= 0) & (rows < self.rising.shape[0])
         rows = np.clip(rows, 0, self.rising.shape[0] - 1)
@@ -72,26 +78,41 @@ class EdgePairs:
         return np.where(inside, np.minimum(self.rising[rows, left], self.falling[rows, right]), 0.0)
 
 
+@dataclass(frozen=True, slots=True)
+class _Cylinder:
+    """Hold the share (0..1) of rows with both edges, and the half widths: `half_px` at `u_px`, growing by `flare`."""
+
+    share: float
+    half_px: float
+    u_px: float
+    flare: float
+
+    def halves_px(self, u_px: Floats) -> Floats:
+        """Return the half width at rows `u_px`."""
+        return self.half_px - self.flare * (u_px - self.u_px)
+
+
 def rough_needle(strip: Strip) -> Rough:
     """Return the needle that ends near u = 0 of a strip laid along its expected direction; ValueError if none does."""
-    edges = EdgePairs.of(strip)
-    best: tuple[float, float, float, tuple[float, float]] | None = None
+    edges = EdgePairs.of(strip, by_ratio=True)
+    best: tuple[float, float, _Cylinder, tuple[float, float]] | None = None
     for tilt in np.tan(np.radians(np.arange(-HINT_REACH_DEG, HINT_REACH_DEG + 0.1, 1.0))):
         marking = _marking(strip, float(tilt))
         if marking is None:
             continue
-        share, half = _cylinder(edges, float(tilt), marking)
-        taper = float(np.mean(_trace(edges, float(tilt), half, marking)[1])) if share > LEAST_PAIRS else 0.0
-        if best is None or share + taper > best[0]:
-            best = share + taper, float(tilt), half, marking
+        cylinder = _cylinder(edges, float(tilt), marking)
+        start = float(cylinder.halves_px(np.array(marking[1])))
+        taper = float(np.mean(_trace(edges, float(tilt), start, marking)[1])) if cylinder.share > LEAST_PAIRS else 0.0
+        if best is None or cylinder.share + taper > best[0]:
+            best = cylinder.share + taper, float(tilt), cylinder, marking
     if best is None or best[0] < 2.0 * LEAST_PAIRS:
         raise ValueError(f"no needle with a black marking ends at the given point. {ADVICE}")
-    _, tilt, half, marking = best
-    traced, seen = _trace(edges, tilt, half, marking)
+    _, tilt, cylinder, marking = best
+    traced, seen = _trace(edges, tilt, float(cylinder.halves_px(np.array(marking[1]))), marking)
     if float(np.mean(seen)) < LEAST_PAIRS:
         raise ValueError(f"the needle's two edges cannot be followed from the marking to the given point. {ADVICE}")
     u, cylinder_rows = caliper_rows(-marking[1], marking[1] - marking[0])
-    halves = np.concatenate([np.full(cylinder_rows, half), traced])
+    halves = np.concatenate([cylinder.halves_px(u[:cylinder_rows]), traced])
     return Rough(float(np.arctan(tilt)), *marking, Silhouette(u, -halves, halves, cylinder_rows))
 
 
@@ -114,16 +135,25 @@ def _marking(strip: Strip, tilt: float) -> tuple[float, float] | None:
     return best
 
 
-def _cylinder(edges: EdgePairs, tilt: float, marking: tuple[float, float]) -> tuple[float, float]:
-    """Return (share of rows with both edges, half width) of the cylinder above the marking: the widest good one."""
+def _cylinder(edges: EdgePairs, tilt: float, marking: tuple[float, float]) -> _Cylinder:
+    """Return the cylinder above the marking, the widest good one; one that grows only when a straight one is not."""
     u, cylinder_rows = caliper_rows(-marking[1], marking[1] - marking[0])
     u = u[:cylinder_rows]
+    centre = float(np.mean(u))
+    straight, *flared = (_widest(edges, tilt, u, centre, flare) for flare in FLARES)
+    best = max(flared, key=lambda one: one.share)
+    return best if best.share > straight.share + FLARED_LEAD else straight
+
+
+def _widest(edges: EdgePairs, tilt: float, u_px: Floats, centre_u_px: float, flare: float) -> _Cylinder:
+    """Return the widest good cylinder of one flare."""
+    halves = CYLINDER_HALVES_PX - flare * (u_px - centre_u_px)[:, None]
     shifts = (-3.0, -1.5, 0.0, 1.5, 3.0)
-    shares = np.max([edges.pairs(u, tilt, shift, CYLINDER_HALVES_PX).mean(axis=0) for shift in shifts], axis=0)
+    shares = np.max([edges.pairs(u_px, tilt, shift, halves).mean(axis=0) for shift in shifts], axis=0)
     widest = int(np.flatnonzero(shares >= 0.85 * shares.max())[-1])
     near = slice(max(widest - 2, 0), widest + 1)
     pick = near.start + int(np.argmax(shares[near]))
-    return float(shares[pick]), float(CYLINDER_HALVES_PX[pick])
+    return _Cylinder(float(shares[pick]), float(CYLINDER_HALVES_PX[pick]), centre_u_px, flare)
 
 
 def _trace(edges: EdgePairs, tilt: float, half_px: float, marking: tuple[float, float]) -> tuple[Floats, Floats]:

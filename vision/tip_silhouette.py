@@ -26,13 +26,15 @@ class Silhouette:
     """Hold the calipers' rows `u_px` (N,), integers rising to the end at 0, and each edge's v from the axis (N,), px.
 
     `left_px` are the edges on the side of negative v, `right_px` those of positive v. The first `cylinder_rows` rows
-    are on the cylinder, the others on the taper below the marking; the marking itself has no rows.
+    are on the cylinder, the others on the taper below the marking; the marking itself has no rows. by_ratio: the edges
+    are where the brightness changes fastest by ratio, not by levels (see `across_slope`).
     """
 
     u_px: Floats
     left_px: Floats
     right_px: Floats
     cylinder_rows: int
+    by_ratio: bool = False
 
     @property
     def on_taper(self) -> NDArray[np.bool_]:
@@ -43,6 +45,10 @@ class Silhouette:
     def half_px(self) -> Floats:
         """Return the half width at each row (N,), px."""
         return np.asarray((self.right_px - self.left_px) / 2.0, dtype=np.float64)
+
+    def half_at_px(self, u_px: float) -> float:
+        """Return the half width at `u_px`, px: between rows by interpolation, so also on the marking."""
+        return float(np.interp(u_px, self.u_px, self.half_px))
 
     @classmethod
     def of_shape(cls, shape: NeedleShape) -> Silhouette:

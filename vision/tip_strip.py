@@ -21,6 +21,8 @@ END_CLEARANCE_PX = 25
 RIM_CLEARANCE_PX = 22
 CYLINDER_LENGTH_PX = 130
 EDGE_SIGMA_PX = 0.8
+# Levels this far above black, as a share of the brightest, are compared by ratio: below lies noise.
+GROUND_SHARE, LEAST_GROUND = 0.1, 4.0
 _NEXT, _BESIDE = np.ones((1, 3), dtype=np.uint8), np.ones((1, 5), dtype=np.uint8)
 
 
@@ -99,14 +101,32 @@ def quantiles(values: Plane, low: float, high: float) -> tuple[float, float]:
 
 
 def middle(values: Floats | Plane) -> float:
-    """Return the middle value (the upper one of two), several times faster than numpy's median on short arrays."""
+    """Return the middle value (the upper one of two), several times faster than numpy's median on short arrays.
+
+    NaN for none at all: whatever it is compared with, nothing is concluded from it.
+    """
+    if values.size == 0:
+        return float("nan")
     rank = values.size // 2
     return float(np.partition(values.ravel(), rank)[rank])
 
 
-def across_slope(strip: Strip) -> Plane:
-    """Return d/dv of the strip, averaged along u over a caliper's own rows, levels per px."""
-    return derivative(np.asarray(cv2.blur(strip.pixels, (1, CALIPER_STEP_PX + 1)), dtype=np.float32), EDGE_SIGMA_PX)
+def across_slope(strip: Strip, *, by_ratio: bool = False) -> Plane:
+    """Return d/dv of the strip, averaged along u over a caliper's own rows, levels per px.
+
+    by_ratio: of the brightness' logarithm instead, scaled to the same range of levels: the dim flank of a needle lit
+    from one side then shows more than the end of the light on it.
+    """
+    averaged: Plane = np.asarray(cv2.blur(strip.pixels, (1, CALIPER_STEP_PX + 1)), dtype=np.float32)
+    return derivative(_logarithm(averaged) if by_ratio else averaged, EDGE_SIGMA_PX)
+
+
+def _logarithm(levels: Plane) -> Plane:
+    """Return the logarithm of some levels above their darkness, scaled to the range of levels."""
+    low, high = quantiles(levels[::6, ::5], 0.05, 0.99)
+    ground = max(GROUND_SHARE * high, LEAST_GROUND)
+    scale = (high - low) / max(float(np.log((high + ground) / (low + ground))), 1e-3)
+    return np.asarray(scale * np.log(np.maximum(levels, 0.0) + ground), dtype=np.float32)
 
 
 def edge_maps(slope: Plane, edge_level: float) -> tuple[Plane, Plane]:

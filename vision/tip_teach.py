@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision.caliper import Floats, robust_fit
-from vision.image import Gray
+from vision.image import Gray, Plane
 from vision.tip_edges import EdgePoints, edge_points
 from vision.tip_outline import Rough, rough_needle
 from vision.tip_rim import join_rim, marking_levels, rim_columns, rim_places
@@ -29,6 +29,8 @@ CLICK_REACH_PX = 3.0
 # A row whose edge moved by this much more than its neighbours' was drawn away by something else.
 LONE_ROW_PX = 1.2
 MOST_OFF_AXIS_PX = 0.5
+# Edges found by level and by ratio lie about the same axis, and at the same half width, when no farther apart.
+SAME_AXIS_PX, SAME_HALF_PX = 0.3, 1.5
 LEAST_RIM_STRENGTH, LEAST_RIM_AGREEMENT = 8.0, 0.5
 
 
@@ -50,18 +52,47 @@ def measure(plane: Gray, tip_px: tuple[float, float], hint_rad: float) -> Taught
     """Measure the needle that ends at `tip_px` in a clean gray picture; ValueError says what could not be found."""
     image = plane.astype(np.float32)
     rough = rough_needle(straighten(image, tip_px, hint_rad, -LENGTH_PX, 20, WIDE_REACH_PX))
-    angle, outline = hint_rad + rough.tilt_rad, rough.outline
-    strip = straighten(image, tip_px, angle, -LENGTH_PX, 30, REACH_PX)
+    angle = hint_rad + rough.tilt_rad
+    strip, outline = _straightened(image, tip_px, angle, rough.outline)
+    strip2, outline2 = _straightened(image, tip_px, angle, replace(rough.outline, by_ratio=True))
+    if not _same(strip, outline, strip2, outline2):
+        strip, outline = strip2, outline2
+    return _conclude(strip, rough, outline, tip_px)
+
+
+def _straightened(
+    image: Plane, tip_px: tuple[float, float], angle_rad: float, rough: Silhouette
+) -> tuple[Strip, Silhouette]:
+    """Return the strip along the needle's axis and the outline about it, found from a rough outline."""
+    outline = rough
+    strip = straighten(image, tip_px, angle_rad, -LENGTH_PX, 30, REACH_PX)
     for reach_px in (4, 4, 3):
         a, b, outline = _refined(strip, outline, reach_px)
-        angle += float(np.arctan(b))
-        strip = straighten(image, strip.to_image(0.0, a), angle, -LENGTH_PX, 30, REACH_PX)
-    return _conclude(strip, rough, outline, tip_px)
+        at = strip.to_image(0.0, a)
+        strip = straighten(image, at, strip.angle_rad + float(np.arctan(b)), -LENGTH_PX, 30, REACH_PX)
+    return strip, outline
+
+
+def _same(levels: Strip, by_level: Silhouette, ratios: Strip, by_ratio: Silhouette) -> bool:
+    """Return whether edges found by level and by ratio tell of the same needle.
+
+    Where the light comes from one side the steepest place of the dim flank is within it, where the light ends; by ratio
+    it is the needle's edge. Otherwise the levels are better: they have less noise, and move less with the blur.
+    """
+    turn = float(np.tan(ratios.angle_rad - levels.angle_rad))
+    c, s = np.cos(levels.angle_rad), np.sin(levels.angle_rad)
+    aside = float((ratios.y_px - levels.y_px) * c - (ratios.x_px - levels.x_px) * s)
+    moved = np.abs(aside + turn * by_level.u_px[[0, -1]])
+    wider = by_ratio.half_px - by_level.half_px
+    worst = max(abs(float(np.median(wider[part]))) for part in (by_level.on_taper, ~by_level.on_taper))
+    return float(moved.max()) < SAME_AXIS_PX and worst < SAME_HALF_PX
 
 
 def _refined(strip: Strip, outline: Silhouette, reach_px: int) -> tuple[float, float, Silhouette]:
     """Return the axis (a, b) of the measured edges and the outline as seen from it."""
-    points = edge_points(strip, across_slope(strip), outline, (0.0, 0.0), (0.0, 0.0), reach_px)
+    points = edge_points(
+        strip, across_slope(strip, by_ratio=outline.by_ratio), outline, (0.0, 0.0), (0.0, 0.0), reach_px
+    )
     left, right = (_by_row(points, outline, side) for side in (-1.0, 1.0))
     seen = np.isfinite(left) & np.isfinite(right)
     if min(np.count_nonzero(seen & outline.on_taper), np.count_nonzero(seen & ~outline.on_taper)) < 8:
@@ -138,7 +169,7 @@ def _check_end(strip: Strip, end_u_px: float) -> None:
 
 def _rims(strip: Strip, rough: Rough, outline: Silhouette) -> tuple[float, float, Floats]:
     """Return u of the upper and the lower rim and the lower one's form over `rim_columns`, 0 at the axis."""
-    half = float(np.mean(outline.half_px[~outline.on_taper]))
+    half = outline.half_at_px(rough.rim2_u_px)
     columns = rim_columns(half)
     u2, strength2 = rim_places(strip, (0.0, 0.0), columns, np.full(columns.size, rough.rim2_u_px), 9, 1.0)
     form = _smooth_form(columns, u2)
@@ -169,7 +200,7 @@ def _sizes(outline: Silhouette, end_u_px: float, rim1_u_px: float, rim2_u_px: fl
     h, marking = end_u_px - rim2_u_px, rim2_u_px - rim1_u_px
     u, cylinder_rows = caliper_rows(h, marking)
     left, right = (np.interp(u, outline.u_px - end_u_px, side) for side in (outline.left_px, outline.right_px))
-    final = Silhouette(u, left, right, cylinder_rows)
+    final = Silhouette(u, left, right, cylinder_rows, outline.by_ratio)
     cylinder = float(np.mean(final.half_px[~final.on_taper]))
     taper_u, taper = u[final.on_taper], final.half_px[final.on_taper]
     narrowing = taper < 0.93 * cylinder
