@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
-import tempfile
-from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 
 from daemon.clock import utc_now
 from daemon.faults import Fault, Kind
+from daemon.files import replace_whole
 from vision import ProbeModel
 from vision.posemap import PoseMap
 
@@ -56,7 +54,7 @@ class Calibrations:
 
     def store_probe(self, model: ProbeModel) -> None:
         """Keep a taught probe; a map made with another probe no longer holds and is dropped."""
-        _replace(self._probe_file, model.save)
+        replace_whole(self._probe_file, model.save)
         self.probe = model
         self._map_file.unlink(missing_ok=True)
         self.pose_map = self.mapped_at = None
@@ -66,7 +64,7 @@ class Calibrations:
         made_at = utc_now()
         record = {"format": MAP_FORMAT, "made_at": made_at, "station": self._station}
         text = json.dumps(record | {"map": json.loads(pose_map.to_json())}, indent=1)
-        _replace(self._map_file, lambda path: path.write_text(text))
+        replace_whole(self._map_file, lambda path: path.write_text(text))
         self.pose_map, self.mapped_at = pose_map, made_at
 
     def require_probe(self) -> ProbeModel:
@@ -85,23 +83,3 @@ class Calibrations:
         if abs(self.pose_map.work_z_um - work_z_um) > 1.0:
             raise Fault(Kind.NOT_CALIBRATED, "the map was made at another working height", was=self.pose_map.work_z_um)
         return self.pose_map
-
-
-def _replace(path: Path, write: Callable[[Path], object]) -> None:
-    """Write beside, flush to disk, then take the place of `path`: a torn file is never read."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=".new-", suffix=path.suffix)
-    os.close(handle)
-    beside = Path(name)
-    try:
-        write(beside)
-        with beside.open("rb") as file:
-            os.fsync(file.fileno())
-        beside.replace(path)
-        folder = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
-    finally:
-        beside.unlink(missing_ok=True)

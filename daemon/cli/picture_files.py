@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
@@ -15,6 +13,7 @@ from numpy.typing import NDArray
 from rich.markup import escape
 
 from daemon.cli.output import FAILED, USAGE, err, fail
+from daemon.files import replace_whole
 
 Pixels = NDArray[np.uint8]
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"})
@@ -105,22 +104,15 @@ def write_picture(path: Path, pixels: Pixels) -> None:
     ok, data = cv2.imencode(suffix, pixels, quality)
     if not ok:
         fail(escape(f"cannot write {path} as {suffix}"), advice="end its name in .png")
-    replace_whole(path, lambda beside: beside.write_bytes(data.tobytes()))
+    keep(path, lambda beside: beside.write_bytes(data.tobytes()))
 
 
-def replace_whole(path: Path, write: Callable[[Path], object]) -> None:
-    """Let `write` make a file beside `path`, then take its place: nobody ever reads half of it."""
-    beside = path.with_name(f".{path.name}.{os.getpid()}.new")
+def keep(path: Path, write: Callable[[Path], object]) -> None:
+    """Let `write` make the file `path`, whole or not at all."""
     try:
-        write(beside)
-        with beside.open("rb") as file:
-            os.fsync(file.fileno())
-        beside.replace(path)
+        replace_whole(path, write)
     except OSError as exc:
         _cannot_write(path, exc)
-    finally:
-        with suppress(OSError):
-            beside.unlink()
 
 
 def _cannot_write(path: Path, exc: OSError, code: int = FAILED) -> NoReturn:

@@ -12,7 +12,7 @@ from rich.markup import escape
 
 from daemon.cli.findings import facts_table, number, numbers
 from daemon.cli.output import USAGE, AsJson, fail, out, say_json
-from daemon.cli.picture_files import Pixels, check_place, check_target, open_picture, replace_whole, write_picture
+from daemon.cli.picture_files import Pixels, check_place, check_target, keep, open_picture, write_picture
 from daemon.cli.points import point_option
 from vision import NotFound, ProbeModel, Tip, find_tip
 from vision.annotate import draw_tip, draw_untaught
@@ -47,7 +47,7 @@ def teach(
     if annotated is not None:
         write_picture(annotated, draw_tip(picture, again, taught=model))
     off_px = _off_px(again, model)
-    replace_whole(model_file, model.save)
+    keep(model_file, model.save)
     if as_json:
         said = {"probe": str(model_file), "annotated": annotated and str(annotated)}
         say_json({"ok": True, "white": str(white), **_facts(model), "found_again_off_px": number(off_px), **said})
