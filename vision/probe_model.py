@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import zipfile
 import zlib
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -105,7 +105,7 @@ class ProbeModel:
             "angle_rad": self.angle_rad,
             "shape": asdict(self.shape),
             "cylinder_rows": self.outline.cylinder_rows,
-            "by_ratio": self.outline.by_ratio,
+            "dim_side": self.outline.dim_side,
             "corner_px": self.corner_px,
             "frame_px": self.frame_px,
             "marking_contrast": self.marking_contrast,
@@ -118,7 +118,7 @@ class ProbeModel:
                 template=self.template,
                 template_mask=self.template_mask,
                 rim_form_px=self.rim_form_px,
-                outline=np.stack([self.outline.u_px, self.outline.left_px, self.outline.right_px]),
+                outline=np.stack(_rows_of(self.outline)),
             )
 
     @classmethod
@@ -135,8 +135,8 @@ class ProbeModel:
 def _from_stored(facts: dict[str, Any], stored: Any) -> ProbeModel:
     if facts["version"] != VERSION:
         raise ValueError(f"it has version {facts['version']}, this program reads version {VERSION}")
-    outline = _outline(np.asarray(stored["outline"], dtype=np.float64), int(facts["cylinder_rows"]))
-    outline = replace(outline, by_ratio=bool(facts.get("by_ratio", False)))
+    table = np.asarray(stored["outline"], dtype=np.float64)
+    outline = _outline(table, int(facts["cylinder_rows"]), int(facts.get("dim_side", 0)))
     template = np.ascontiguousarray(stored["template"])
     mask = np.ascontiguousarray(stored["template_mask"])
     form = np.asarray(stored["rim_form_px"], dtype=np.float64)
@@ -161,11 +161,18 @@ def _from_stored(facts: dict[str, Any], stored: Any) -> ProbeModel:
     )
 
 
-def _outline(table: NDArray[np.float64], cylinder_rows: int) -> Silhouette:
-    rows_fit = table.ndim == 2 and table.shape[0] == 3 and 8 <= cylinder_rows <= table.shape[1] - 8
+def _rows_of(outline: Silhouette) -> list[NDArray[np.float64]]:
+    rows = [outline.u_px, outline.left_px, outline.right_px]
+    return rows if outline.shade_px is None else [*rows, outline.shade_px]
+
+
+def _outline(table: NDArray[np.float64], cylinder_rows: int, dim_side: int) -> Silhouette:
+    columns = 4 if dim_side in (-1, 1) else 3
+    rows_fit = table.ndim == 2 and table.shape[0] == columns and 8 <= cylinder_rows <= table.shape[1] - 8
     if not rows_fit or not np.all(np.isfinite(table)) or np.any(np.diff(table[0]) <= 0.0):
         raise ValueError("its outline is damaged")
-    return Silhouette(table[0], table[1], table[2], cylinder_rows)
+    shade = table[3] if columns == 4 else None
+    return Silhouette(table[0], table[1], table[2], cylinder_rows, dim_side, shade)
 
 
 def _template_corner(x_px: float, y_px: float, angle_rad: float) -> tuple[int, int]:

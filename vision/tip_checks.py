@@ -8,6 +8,7 @@ from vision.caliper import Floats
 from vision.notfound import NotFound, Reason
 from vision.probe_model import ProbeModel
 from vision.tip_needle import Measured
+from vision.tip_shade import shade_px
 from vision.tip_strip import middle
 
 # Share of the calipers that must lie on the fitted silhouette.
@@ -24,6 +25,7 @@ BEND_CERTAIN_SIGMAS = 4.0
 WIDTH_LIMIT_PX = 1.5
 MARKING_LENGTH_LIMIT_PX = 2.5
 SHIFTED_MARKING_LIMIT_PX = 3.5
+SHADE_LIMIT_PX = 3.0
 LEAST_MARKING_CONTRAST = 0.35
 LEAST_RIM_AGREEMENT = 0.5
 # The upper rim need not be as sharp as the lower one, but it should be a rim.
@@ -136,12 +138,33 @@ def check_shape(needle: Measured, model: ProbeModel) -> NotFound | None:
             Reason.WRONG_NEEDLE,
             f"the needle is {2 * axis.cylinder_wider_px:+.1f} px wider than the taught one: teach this needle",
         )
+    problem = check_shade(needle, model)
+    if problem is not None:
+        return problem
     beyond = metal_beyond(needle, model)
     if beyond > MOST_METAL_BEYOND:
         return wrong(f"the metal goes on beyond the taught edge along {100 * beyond:.0f} % of the cylinder")
     moved = _moved(needle, model)
     if abs(moved) > SHIFTED_MARKING_LIMIT_PX:
         return no_marking(f"the marking sits {moved:+.1f} px from where the taper's width says it was taught")
+    return None
+
+
+def check_shade(needle: Measured, model: ProbeModel) -> NotFound | None:
+    """Return why the light on the dim side of a needle lit from one side ends elsewhere than taught, or None.
+
+    The other edge alone gives the axis of such a needle, so this is all that tells of its width.
+    """
+    outline = model.outline
+    if outline.shade_px is None:
+        return None
+    shade = shade_px(needle.strip, (needle.axis.a_px, needle.axis.b), outline)
+    moved = shade - outline.shade_px
+    for part in (outline.on_taper, ~outline.on_taper):
+        seen = moved[part & np.isfinite(moved)]
+        off = abs(middle(seen))
+        if 2 * seen.size < np.count_nonzero(part) or off > SHADE_LIMIT_PX:
+            return wrong(f"the light on the needle's dim side does not end where it was taught (off by {off:.1f} px)")
     return None
 
 
@@ -157,6 +180,8 @@ def metal_beyond(needle: Measured, model: ProbeModel) -> float:
     taper, cylinder = thick & outline.on_taper, thick & ~outline.on_taper
     worst = 0.0
     for side, edge, wider in ((-1.0, outline.left_px, -1.0), (1.0, outline.right_px, 1.0)):
+        if side == outline.dim_side:
+            continue
         grown = edge + wider * np.where(outline.on_taper, axis.taper_wider_px, axis.cylinder_wider_px)
         shares = []
         for part in (taper, cylinder):

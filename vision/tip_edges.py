@@ -78,7 +78,8 @@ def edge_points(
 ) -> EdgePoints:
     """Return the sub-pixel edge points near the outline placed on `axis` (a, b) and grown by (cylinder, taper).
 
-    Edges that brighten inwards, or, `either_way`, edges of both signs (a bright pad may lie behind the needle).
+    Edges that brighten inwards, or, `either_way`, edges of both signs (a bright pad may lie behind the needle). The
+    outline's dim side has none.
     """
     rows = np.rint(outline.u_px).astype(np.intp) - strip.u_from_px
     inside = (rows >= 0) & (rows < slope.shape[0])
@@ -98,6 +99,9 @@ def edge_points(
     peak = np.argmax(part, axis=1)
     at = centre + peak - reach_px
     good = (part[index, peak] > 0.4 * strip.edge_level) & (peak > 0) & (peak < 2 * reach_px)
+    sides = 2
+    if outline.dim_side:
+        sides, good = 1, good & (side != outline.dim_side)
     v = refine_peaks(wanted[good], at[good]) - strip.reach_px
     brightens = (inwards[index, at] > 0.0)[good]
     return EdgePoints(
@@ -107,8 +111,8 @@ def edge_points(
         taught_px=taught[good],
         on_taper=np.tile(on_taper, 2)[good],
         brightens=brightens,
-        offered=2 * count,
-        offered_on_taper=2 * int(np.count_nonzero(on_taper)),
+        offered=sides * count,
+        offered_on_taper=sides * int(np.count_nonzero(on_taper)),
     )
 
 

@@ -80,7 +80,7 @@ def sight(image: Plane, matches: list[Match], model: ProbeModel, origin: tuple[i
     for match in matches:
         at = match.x_px - origin[0], match.y_px - origin[1]
         strip = around(image, at, match.angle_rad, model.shape, SPARE_PX)
-        slope = across_slope(strip, by_ratio=model.outline.by_ratio)
+        slope = across_slope(strip)
         seen.append(Sighting(match, strip, slope, vote(strip, slope, model.outline, -model.h_px)))
         if seen[-1].vote.share > SURE_SHARE:
             break
@@ -111,7 +111,7 @@ def measure(image: Plane, sighting: Sighting, shift_px: float, model: ProbeModel
     rough, found = sighting.strip, sighting.vote
     at = rough.to_image(shift_px, found.a_px + found.b * shift_px)
     strip = around(image, at, sighting.angle_rad, model.shape, 0)
-    slope = across_slope(strip, by_ratio=model.outline.by_ratio)
+    slope = across_slope(strip)
     points = edge_points(strip, slope, model.outline, (0.0, 0.0), (0.0, 0.0), FIRST_REACH_PX)
     axis = fit_axis(points, -model.h_px)
     if axis is None:

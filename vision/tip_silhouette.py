@@ -26,15 +26,17 @@ class Silhouette:
     """Hold the calipers' rows `u_px` (N,), integers rising to the end at 0, and each edge's v from the axis (N,), px.
 
     `left_px` are the edges on the side of negative v, `right_px` those of positive v. The first `cylinder_rows` rows
-    are on the cylinder, the others on the taper below the marking; the marking itself has no rows. by_ratio: the edges
-    are where the brightness changes fastest by ratio, not by levels (see `across_slope`).
+    are on the cylinder, the others on the taper below the marking; the marking itself has no rows.
+    dim_side: of a needle lit from one side the side (-1 or +1) whose flank is so dim that its edge is lost before a
+    board; it is not measured, but `shade_px` (N,) tells where on it the light was down to half. 0, and none, of others.
     """
 
     u_px: Floats
     left_px: Floats
     right_px: Floats
     cylinder_rows: int
-    by_ratio: bool = False
+    dim_side: int = 0
+    shade_px: Floats | None = None
 
     @property
     def on_taper(self) -> NDArray[np.bool_]:

@@ -48,6 +48,8 @@ def taper_turn(strip: Strip, slope: Plane, outline: Silhouette, axis: Axis, pivo
     wider = axis.taper_wider_px
     left = seen[index, np.clip(np.rint(centre + outline.left_px[own] - wider).astype(np.intp), 0, last)]
     right = seen[index, np.clip(np.rint(centre + outline.right_px[own] + wider).astype(np.intp), 0, last)]
+    if outline.dim_side:
+        left = right = right if outline.dim_side < 0 else left
     pairs, edges = np.mean(np.minimum(left, right), axis=2), np.mean(left + right, axis=2) / 2.0
     ahead = (np.abs(TURNS_DEG) <= STRAIGHT_DEG)[:, None] & (np.abs(SHIFTS_PX) <= STRAIGHT_PX)
     aside = (np.abs(TURNS_DEG) > 2.0 * STRAIGHT_DEG)[:, None] & np.ones(SHIFTS_PX.size, dtype=bool)

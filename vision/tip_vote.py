@@ -44,6 +44,8 @@ def vote(strip: Strip, slope: Plane, outline: Silhouette, pivot_u_px: float) -> 
     index, last = np.arange(u.size), slope.shape[1] - 1
     left = on_left[index, np.clip(np.rint(axis + outline.left_px[inside]).astype(np.intp), 0, last)]
     right = on_right[index, np.clip(np.rint(axis + outline.right_px[inside]).astype(np.intp), 0, last)]
+    if outline.dim_side:
+        left = right = right if outline.dim_side < 0 else left
     shares = (left + right).mean(axis=2) / 2.0
     row, column = (int(at) for at in np.unravel_index(int(np.argmax(shares)), shares.shape))
     tilt = float(TILTS[column])
