@@ -53,7 +53,7 @@ def find_hole(
 
 def is_ring(circle: CircleFit, patch: Patch, hole: Contour | None, floor: float, step: float) -> bool:
     """Tell whether a wide hole shows the board itself. A drilled one is mostly darker, or shows what lies below."""
-    if hole is None or hole.radius_px < RING_SHARE * circle.radius_px:
+    if hole is None or circle.radius_px < DIP_RADIUS_PX or hole.radius_px < RING_SHARE * circle.radius_px:
         return False
     within = patch.free & (patch.distance_px(hole.x_px, hole.y_px) < 0.7 * hole.radius_px)
     return bool(within.any()) and abs(middle(patch.level[within]) - floor) < RING_LIKENESS * step

@@ -72,7 +72,7 @@ def _describe(window: Window, region: Component) -> SeenObject:
 
 
 def _surroundings(window: Window, region: Component) -> tuple[float, bool]:
-    """Return (brightness just around a region, whether the needle or the window's border cuts it off)."""
+    """Return (brightness just around a region, whether the window's border cuts it off)."""
     x, y, width, height = region.box
     y1, x1 = max(y - 4, 0), max(x - 4, 0)
     y2, x2 = min(y + height + 4, window.shape[0]), min(x + width + 4, window.shape[1])
@@ -83,4 +83,4 @@ def _surroundings(window: Window, region: Component) -> tuple[float, bool]:
     near = window.smooth[y1:y2, x1:x2][ring & ~hidden]
     floor = middle(near, 1.0 / 3.0) if near.size else window.board_level
     at_border = x <= 1 or y <= 1 or x + width >= window.shape[1] - 1 or y + height >= window.shape[0] - 1
-    return floor, at_border or bool(np.any(hidden & ring))
+    return floor, at_border

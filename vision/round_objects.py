@@ -14,11 +14,13 @@ from vision.circle_seeds import seeds
 from vision.disc_features import describe_disc
 from vision.edgels import Edgels
 from vision.rules import (
+    DOUBTFUL_RATIO,
     LEAST_FILL,
     LEAST_RATIO,
     LEAST_VISIBLE,
     STROKE_NECK,
     WHOLE_VISIBLE,
+    WIDEST_TRACE,
     SeenObject,
     Wanted,
     is_round,
@@ -34,6 +36,8 @@ LARGER_SHARE = 1.6
 REFERENCE_SIGMA, TOLD_COVERAGE = 0.015, 0.9
 # Two measurements of one circle agree to this, px, and three sigma.
 AGREE_PX = 0.1
+# A circle with edge on this share of its visible contour is not thrown with the region it lies in.
+NEARLY_ROUND = 0.62
 # Circles touch whose centres are nearer than this share of the sum of their radii.
 TOUCH_SHARE = 1.25
 # What lies this near a whole circle is the other's blur.
@@ -62,7 +66,7 @@ def round_objects(window: Window, edgels: Edgels, wanted: Wanted) -> list[SeenOb
         found = [_without_doubt(window, edgels, seen) for seen in found]
     found = _again(window, edgels, found)
     done = blackened(window, [seen for seen in found if _whole(seen)])
-    kept = [seen for seen in found if _whole(seen) or not _part_of_larger(window, seen, done)]
+    kept = [seen for seen in found if _whole(seen) or _nearly_round(seen) or not _part_of_larger(window, seen, done)]
     return [_in_frame(seen, window) for seen in kept]
 
 
@@ -148,6 +152,14 @@ def _fit(window: Window, edgels: Edgels, seed: Contour) -> CircleFit | None:
         hidden=window.hidden,
         maybe_hidden=window.maybe_hidden,
     )
+
+
+def _nearly_round(seen: SeenObject) -> bool:
+    """Tell whether a circle lacks only a little to be one: it may be a pad with something across it."""
+    circle = seen.circle
+    if circle is None or circle.coverage < NEARLY_ROUND or seen.fill < LEAST_FILL:
+        return False
+    return circle.ratio > DOUBTFUL_RATIO and seen.neck < WIDEST_TRACE
 
 
 def _part_of_larger(window: Window, seen: SeenObject, done: NDArray[np.uint8]) -> bool:

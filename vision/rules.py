@@ -26,15 +26,18 @@ THIN_RATIO, THIN_WIDTH_PX, THIN_LENGTH_PX = 5.0, 2.0, 10.0
 EXPECTED_SHARE, EXPECTED_SLACK_PX = 0.12, 1.0
 # Less than this above its surroundings is a trace under the mask, not metal.
 FAINT_CONTRAST = 35.0
-# A contour is a circle if edges lie on this share of what is visible of it, and enough of it is visible.
-ROUND_COVERAGE, LEAST_VISIBLE = 0.70, 0.50
-# A circle seen by a camera tilted by up to 38 degrees is no more oval than this (minor over major axis); what is
-# clearly more oval is none, if this share of it is visible.
-LEAST_RATIO, OVAL_RATIO, WHOLE_SHAPE = 0.785, 0.74, 0.75
+# A contour is a circle if edges lie on this share of what is visible of it, more if part of it is hidden, and enough
+# of it is visible.
+ROUND_COVERAGE, HIDDEN_COVERAGE, LEAST_VISIBLE = 0.67, 0.72, 0.50
+# A circle seen by a camera tilted by up to 38 degrees, and itself a little oval, is no more oval than this (minor over
+# major axis), and where part of its contour is missing not even so; what is clearly more oval is none, if this share
+# of it is visible.
+LEAST_RATIO, DOUBTFUL_RATIO, OVAL_RATIO, WHOLE_SHAPE = 0.75, 0.785, 0.70, 0.75
 # What the others' brightness is held against is round all over and stands alone.
 CLEAR_COVERAGE, CLEAR_NECK = 0.9, 0.4
 # A square of rounded corners has a fourth harmonic of 0.05 to 0.08 of its radius; ragged discs have less.
 MOST_SQUARE, SQUARE_NOISE_PX = 0.045, 0.05
+CORNERED, CORNERED_NOISE_PX = 0.06, 0.1
 # Residual noise of a disc over its step: what is noisier is drawn by chance.
 MOST_NOISE = 0.25
 # Metal much duller than the brightest round thing beside it may be silkscreen: not taken, not thrown. A circle of which
@@ -170,7 +173,7 @@ def stroke_end(seen: SeenObject, wanted: Wanted) -> Verdict:
     """Throw the round ends of strokes of silkscreen: they look like a filled via that goes on at its full width.
 
     A neck nearly as wide belongs to a stroke too when the whole is duller than the metal beside it. Lettering has no
-    drilled holes: with one, it is a via, however wide its trace. What goes on behind a needle may be a pad that touches.
+    drilled holes: with one, it is a via, however wide its trace. Behind a needle it may be a pad that touches.
     """
     if seen.circle is None or seen.hole is not None or seen.circle.visible < WHOLE_SHAPE:
         return Verdict.PASS
@@ -186,6 +189,14 @@ def oval(seen: SeenObject, _wanted: Wanted) -> Verdict:
     if seen.circle is None or seen.circle.visible < WHOLE_SHAPE:
         return Verdict.PASS
     return Verdict.THROW if seen.circle.ratio < OVAL_RATIO else Verdict.PASS
+
+
+def cornered(seen: SeenObject, _wanted: Wanted) -> Verdict:
+    """Throw squares, rounded or not: their contour has four corners, where no circle lies on it."""
+    circle = seen.circle
+    if circle is None or circle.visible < WHOLE_SHAPE or circle.coverage > CLEAR_COVERAGE:
+        return Verdict.PASS
+    return Verdict.THROW if circle.squareness > CORNERED + CORNERED_NOISE_PX / circle.radius_px else Verdict.PASS
 
 
 def via_with_hole(seen: SeenObject, wanted: Wanted) -> Verdict:
@@ -246,6 +257,7 @@ RULES: tuple[Rule, ...] = (
     wrong_size,
     stroke_end,
     oval,
+    cornered,
     via_with_hole,
     via_filled,
     site_with_hole,
@@ -268,7 +280,9 @@ def decide(seen: SeenObject, wanted: Wanted, rules: tuple[Rule, ...] = RULES) ->
 
 def is_round(seen: SeenObject) -> bool:
     """Tell whether a circle lies on enough of the object's visible edge."""
-    return seen.circle is not None and seen.circle.coverage >= ROUND_COVERAGE and seen.circle.visible >= LEAST_VISIBLE
+    if seen.circle is None or seen.circle.visible < LEAST_VISIBLE:
+        return False
+    return seen.circle.coverage >= (ROUND_COVERAGE if seen.circle.visible >= WHOLE_VISIBLE else HIDDEN_COVERAGE)
 
 
 def is_clear(seen: SeenObject) -> bool:
@@ -291,7 +305,8 @@ def sound(seen: SeenObject, wanted: Wanted) -> bool:
     slack = 0.0 if seen.circle.visible >= WHOLE_VISIBLE else HIDDEN_SLACK_PX
     sized = any(low - slack <= seen.circle.radius_px <= high + slack for low, high in wanted.radii_px)
     alone = seen.neck <= WIDEST_TRACE or seen.hole is not None
-    shaped = seen.circle.ratio >= LEAST_RATIO and not _square(seen.circle) and seen.fill >= LEAST_FILL
+    least_ratio = LEAST_RATIO if seen.circle.coverage >= CLEAR_COVERAGE else DOUBTFUL_RATIO
+    shaped = seen.circle.ratio >= least_ratio and not _square(seen.circle) and seen.fill >= LEAST_FILL
     clean = seen.circle.noise < MOST_NOISE
     return alone and sized and shaped and clean and not _dull(seen, seen.circle, wanted)
 
