@@ -43,7 +43,7 @@ AMBIGUOUS_PX = 3.0
 # Of two round things the smaller is compared with the other down to this share of its diameter.
 LIKE_SIZE = 0.75
 # The needle's outline is trusted to this: its silhouette, its blur, and what it reflects onto.
-NEEDLE_MARGIN_PX = 3.0
+NEEDLE_MARGIN_PX = 1.8
 # The same of a needle that was found in the red picture itself.
 SEEN_NEEDLE_MARGIN_PX = 1.3
 # A frame taken without light stays below this everywhere; a bare board under red light does not.
@@ -53,7 +53,7 @@ LARGEST_RADIUS_PX = 200.0
 INK_RULES, INK_LIKENESS = frozenset({"thin", "elongated", "ragged", "stroke_end", "oval"}), 0.2
 # Two pads whose centres are nearer than this share of the sum of their radii would lie on each other. A doubtful one is
 # explained by a pad only if it lies within it.
-OVERLAP_SHARE, EXPLAINED_SHARE = 0.78, 0.55
+OVERLAP_SHARE, EXPLAINED_SHARE = 0.8, 0.55
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +152,7 @@ def _look(
     strong = edgels.where(edgels.slope > LEAST_SLOPE).outside(window.hidden)
     circles = round_objects(window, strong, Wanted(radius, 0.0))
     decided = [decide(seen, _wanted(seen, circles, radius), rules) for seen in circles]
-    rest = other_objects(window, [item.object for item in decided if item.verdict is not Verdict.PASS])
+    rest = other_objects(window, [item.object for item in decided if item.verdict is Verdict.TAKE])
     regions = [decide(seen, Wanted(radius, 0.0), rules) for seen in rest]
     decided = _drawn_after_all(_angular_after_all(decided, regions), regions)
     decided += [item for item in regions if not _inside(item.object.x_px, item.object.y_px, decided)]
@@ -166,12 +166,28 @@ def _look(
 
 
 def _apart(decided: list[Decided]) -> list[Decided]:
-    """Throw a circle that overlaps a better seen one that was taken: pads may touch, but never lie on each other."""
+    """Throw a circle that lies in a better seen one that was taken; leave undecided two that only overlap.
+
+    Pads may touch, but never lie on each other: one of the two is not what it seems, or both are ends of one oblong.
+    """
     kept: list[Decided] = []
     for item in sorted(decided, key=lambda item: (item.verdict is not Verdict.TAKE, -_trust(item))):
-        overlapped = item.verdict is not Verdict.THROW and any(_overlap(item, other) for other in kept)
-        kept.append(replace(item, verdict=Verdict.THROW, rule="overlapped") if overlapped else item)
-    return kept
+        taken = [other for other in kept if other.verdict is Verdict.TAKE]
+        if item.verdict is not Verdict.THROW and any(_overlap(item, other, EXPLAINED_SHARE) for other in taken):
+            kept.append(replace(item, verdict=Verdict.THROW, rule="overlapped"))
+        else:
+            kept.append(item)
+    standing = [item for item in kept if item.verdict is not Verdict.THROW and item.object.circle is not None]
+
+    def judged(item: Decided) -> Decided:
+        alone = not any(other is not item and _overlap(item, other, OVERLAP_SHARE) for other in standing)
+        return (
+            item
+            if item.verdict is not Verdict.TAKE or alone
+            else replace(item, verdict=Verdict.PASS, rule="overlapping")
+        )
+
+    return [judged(item) for item in kept]
 
 
 def _angular_after_all(decided: list[Decided], regions: list[Decided]) -> list[Decided]:
@@ -213,11 +229,10 @@ def _trust(item: Decided) -> float:
     return 0.0 if circle is None else circle.coverage * circle.visible
 
 
-def _overlap(item: Decided, other: Decided) -> bool:
+def _overlap(item: Decided, other: Decided, share: float) -> bool:
     one, two = item.object, other.object
-    if other.verdict is not Verdict.TAKE or one.circle is None or two.circle is None:
+    if one.circle is None or two.circle is None:
         return False
-    share = EXPLAINED_SHARE if item.verdict is Verdict.PASS else OVERLAP_SHARE
     reach = share * (one.circle.radius_px + two.circle.radius_px)
     # Seen obliquely, touching pads are nearer in the picture along the minor axis: the share leaves room for that.
     return float(np.hypot(one.x_px - two.x_px, one.y_px - two.y_px)) < reach
