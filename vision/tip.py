@@ -18,6 +18,7 @@ from vision.notfound import NotFound, Reason
 from vision.probe_model import ProbeModel
 from vision.tip_checks import check_direction, first_problem, no_marking, wrong
 from vision.tip_diagnosis import name_it
+from vision.tip_glint import without_glint
 from vision.tip_needle import Measured, coarse_shift, measure, sight
 from vision.tip_search import Match, region, search
 from vision.tip_strip import NeedleShape
@@ -105,6 +106,10 @@ def _find(clean: Gray, model: ProbeModel, origin: tuple[int, int]) -> Tip | NotF
     if needle is None:
         return named(wrong("too few edges lie on the taught silhouette"))
     problem = first_problem(needle, model)
+    if problem is not None:
+        spared = without_glint(needle, model)
+        if spared is not None and first_problem(spared, model) is None:
+            needle, problem = spared, None
     return _conclude(needle, seen.match, model) if problem is None else named(problem)
 
 

@@ -81,7 +81,8 @@ def sight(image: Plane, matches: list[Match], model: ProbeModel, origin: tuple[i
         at = match.x_px - origin[0], match.y_px - origin[1]
         strip = around(image, at, match.angle_rad, model.shape, SPARE_PX)
         slope = across_slope(strip)
-        seen.append(Sighting(match, strip, slope, vote(strip, slope, model.outline, -model.h_px)))
+        told = across_slope(strip, by_ratio=True) if model.outline.dim_side else slope
+        seen.append(Sighting(match, strip, slope, vote(strip, told, model.outline, -model.h_px)))
         if seen[-1].vote.share > SURE_SHARE:
             break
     return max(seen, key=lambda one: one.vote.share)
@@ -129,7 +130,7 @@ def measure(image: Plane, sighting: Sighting, shift_px: float, model: ProbeModel
 def _with_rims(strip: Strip, slope: Plane, points: EdgePoints, axis: Axis, free: Axis, model: ProbeModel) -> Measured:
     reach = model.rim_form_px.size // 2
     columns = np.arange(-reach, reach + 1)
-    line, half = (axis.a_px, axis.b), model.outline.half_at_px(-model.h_px)
+    line, half = (axis.a_px, axis.b), model.outline.rim_half_px(-model.h_px)
     at = np.full(columns.size, -model.h_px)
     rim2 = join_rim(columns, half, *rim_places(strip, line, columns, at + model.rim_form_px, 6, 1.0), model.rim_form_px)
     inner = columns[np.abs(columns) <= 5]

@@ -20,6 +20,9 @@ from vision.tip_strip import (
     NeedleShape,
 )
 
+# A needle narrower than this share of its cylinder at the marking has no cylinder there: it tapers all along.
+TAPERED = 0.75
+
 
 @dataclass(frozen=True, slots=True)
 class Silhouette:
@@ -48,9 +51,11 @@ class Silhouette:
         """Return the half width at each row (N,), px."""
         return np.asarray((self.right_px - self.left_px) / 2.0, dtype=np.float64)
 
-    def half_at_px(self, u_px: float) -> float:
-        """Return the half width at `u_px`, px: between rows by interpolation, so also on the marking."""
-        return float(np.interp(u_px, self.u_px, self.half_px))
+    def rim_half_px(self, u_px: float) -> float:
+        """Return the half width a rim at `u_px` goes round, px: the cylinder's, or less where all the needle tapers."""
+        cylinder = float(np.mean(self.half_px[: self.cylinder_rows]))
+        there = float(np.interp(u_px, self.u_px, self.half_px))
+        return there if there < TAPERED * cylinder else cylinder
 
     @classmethod
     def of_shape(cls, shape: NeedleShape) -> Silhouette:

@@ -22,7 +22,7 @@ RIM_CLEARANCE_PX = 22
 CYLINDER_LENGTH_PX = 130
 EDGE_SIGMA_PX = 0.8
 # Levels this far above black, as a share of the brightest, are compared by ratio: below lies noise.
-GROUND_SHARE, LEAST_GROUND = 0.1, 4.0
+GROUND_SHARE, LEAST_GROUND = 0.05, 4.0
 _NEXT, _BESIDE = np.ones((1, 3), dtype=np.uint8), np.ones((1, 5), dtype=np.uint8)
 
 

@@ -16,12 +16,13 @@ from vision.image import Gray, Plane
 from vision.tip_edges import EdgePoints, edge_points
 from vision.tip_outline import Rough, rough_needle
 from vision.tip_rim import join_rim, marking_levels, rim_columns, rim_places
+from vision.tip_shade import dim_side, taught_shade_px
 from vision.tip_silhouette import Silhouette, caliper_rows
 from vision.tip_strip import NeedleShape, Strip, across_slope, middle, middle_profile, straighten
 
 # The needle comes into view from the upper left; teaching looks this far to either side of that direction.
 AXIS_HINT_RAD = float(np.arctan2(232.0, 119.0))
-LENGTH_PX = 420
+LENGTH_PX, BELOW_PX = 420, 30
 REACH_PX = 64
 WIDE_REACH_PX = 130
 # A hand on a screen hits the end within about a pixel; further off the axis, the click or the axis is wrong.
@@ -29,8 +30,10 @@ CLICK_REACH_PX = 3.0
 # A row whose edge moved by this much more than its neighbours' was drawn away by something else.
 LONE_ROW_PX = 1.2
 MOST_OFF_AXIS_PX = 0.5
-# Edges found by level and by ratio lie about the same axis, and at the same half width, when no farther apart.
-SAME_AXIS_PX, SAME_HALF_PX = 0.3, 1.5
+# Whether the left and the right edge are looked for by ratio (see `across_slope`).
+BY_LEVEL, BY_RATIO = (False, False), (True, True)
+# Edges found by level and by ratio lie about the same axis when no farther apart at either end.
+SAME_AXIS_PX = 0.3
 LEAST_RIM_STRENGTH, LEAST_RIM_AGREEMENT = 8.0, 0.5
 
 
@@ -53,28 +56,33 @@ def measure(plane: Gray, tip_px: tuple[float, float], hint_rad: float) -> Taught
     image = plane.astype(np.float32)
     rough = rough_needle(straighten(image, tip_px, hint_rad, -LENGTH_PX, 20, WIDE_REACH_PX))
     angle = hint_rad + rough.tilt_rad
-    strip, outline = _straightened(image, tip_px, angle, rough.outline)
-    strip2, outline2 = _straightened(image, tip_px, angle, replace(rough.outline, by_ratio=True))
-    if not _same(strip, outline, strip2, outline2):
-        strip, outline = strip2, outline2
+    strip, outline = _straightened(image, tip_px, angle, rough.outline, BY_LEVEL)
+    ratios, by_ratio = _straightened(image, tip_px, angle, rough.outline, BY_RATIO)
+    if not _same_axis(strip, ratios, outline):
+        dim = dim_side(ratios, by_ratio)
+        strip, outline = _straightened(image, tip_px, angle, rough.outline, (dim < 0, dim > 0))
+        outline = replace(outline, dim_side=dim, shade_px=taught_shade_px(strip, outline, dim))
     return _conclude(strip, rough, outline, tip_px)
 
 
 def _straightened(
-    image: Plane, tip_px: tuple[float, float], angle_rad: float, rough: Silhouette
+    image: Plane, tip_px: tuple[float, float], angle_rad: float, rough: Silhouette, by_ratio: tuple[bool, bool]
 ) -> tuple[Strip, Silhouette]:
-    """Return the strip along the needle's axis and the outline about it, found from a rough outline."""
+    """Return the strip along the needle's axis and the outline about it, found from a rough outline.
+
+    by_ratio: whether the left and the right edge are where the brightness changes fastest by ratio, not by levels.
+    """
     outline = rough
-    strip = straighten(image, tip_px, angle_rad, -LENGTH_PX, 30, REACH_PX)
+    strip = straighten(image, tip_px, angle_rad, -LENGTH_PX, BELOW_PX, REACH_PX)
     for reach_px in (4, 4, 3):
-        a, b, outline = _refined(strip, outline, reach_px)
+        a, b, outline = _refined(strip, outline, reach_px, by_ratio)
         at = strip.to_image(0.0, a)
-        strip = straighten(image, at, strip.angle_rad + float(np.arctan(b)), -LENGTH_PX, 30, REACH_PX)
+        strip = straighten(image, at, strip.angle_rad + float(np.arctan(b)), -LENGTH_PX, BELOW_PX, REACH_PX)
     return strip, outline
 
 
-def _same(levels: Strip, by_level: Silhouette, ratios: Strip, by_ratio: Silhouette) -> bool:
-    """Return whether edges found by level and by ratio tell of the same needle.
+def _same_axis(levels: Strip, ratios: Strip, outline: Silhouette) -> bool:
+    """Return whether edges found by level and by ratio lie about the same axis.
 
     Where the light comes from one side the steepest place of the dim flank is within it, where the light ends; by ratio
     it is the needle's edge. Otherwise the levels are better: they have less noise, and move less with the blur.
@@ -82,18 +90,17 @@ def _same(levels: Strip, by_level: Silhouette, ratios: Strip, by_ratio: Silhouet
     turn = float(np.tan(ratios.angle_rad - levels.angle_rad))
     c, s = np.cos(levels.angle_rad), np.sin(levels.angle_rad)
     aside = float((ratios.y_px - levels.y_px) * c - (ratios.x_px - levels.x_px) * s)
-    moved = np.abs(aside + turn * by_level.u_px[[0, -1]])
-    wider = by_ratio.half_px - by_level.half_px
-    worst = max(abs(float(np.median(wider[part]))) for part in (by_level.on_taper, ~by_level.on_taper))
-    return float(moved.max()) < SAME_AXIS_PX and worst < SAME_HALF_PX
+    moved = np.abs(aside + turn * outline.u_px[[0, -1]])
+    return float(moved.max()) < SAME_AXIS_PX
 
 
-def _refined(strip: Strip, outline: Silhouette, reach_px: int) -> tuple[float, float, Silhouette]:
+def _refined(
+    strip: Strip, outline: Silhouette, reach_px: int, by_ratio: tuple[bool, bool]
+) -> tuple[float, float, Silhouette]:
     """Return the axis (a, b) of the measured edges and the outline as seen from it."""
-    points = edge_points(
-        strip, across_slope(strip, by_ratio=outline.by_ratio), outline, (0.0, 0.0), (0.0, 0.0), reach_px
-    )
-    left, right = (_by_row(points, outline, side) for side in (-1.0, 1.0))
+    slopes = {ratio: across_slope(strip, by_ratio=ratio) for ratio in set(by_ratio)}
+    points = [edge_points(strip, slopes[ratio], outline, (0.0, 0.0), (0.0, 0.0), reach_px) for ratio in by_ratio]
+    left, right = (_by_row(one, outline, side) for one, side in zip(points, (-1.0, 1.0), strict=True))
     seen = np.isfinite(left) & np.isfinite(right)
     if min(np.count_nonzero(seen & outline.on_taper), np.count_nonzero(seen & ~outline.on_taper)) < 8:
         raise ValueError("too little of the needle's edges is seen to teach: use a dark, quiet background")
@@ -169,7 +176,7 @@ def _check_end(strip: Strip, end_u_px: float) -> None:
 
 def _rims(strip: Strip, rough: Rough, outline: Silhouette) -> tuple[float, float, Floats]:
     """Return u of the upper and the lower rim and the lower one's form over `rim_columns`, 0 at the axis."""
-    half = outline.half_at_px(rough.rim2_u_px)
+    half = outline.rim_half_px(rough.rim2_u_px)
     columns = rim_columns(half)
     u2, strength2 = rim_places(strip, (0.0, 0.0), columns, np.full(columns.size, rough.rim2_u_px), 9, 1.0)
     form = _smooth_form(columns, u2)
@@ -200,7 +207,8 @@ def _sizes(outline: Silhouette, end_u_px: float, rim1_u_px: float, rim2_u_px: fl
     h, marking = end_u_px - rim2_u_px, rim2_u_px - rim1_u_px
     u, cylinder_rows = caliper_rows(h, marking)
     left, right = (np.interp(u, outline.u_px - end_u_px, side) for side in (outline.left_px, outline.right_px))
-    final = Silhouette(u, left, right, cylinder_rows, outline.by_ratio)
+    shade = None if outline.shade_px is None else np.interp(u, outline.u_px - end_u_px, outline.shade_px)
+    final = Silhouette(u, left, right, cylinder_rows, outline.dim_side, shade)
     cylinder = float(np.mean(final.half_px[~final.on_taper]))
     taper_u, taper = u[final.on_taper], final.half_px[final.on_taper]
     narrowing = taper < 0.93 * cylinder

@@ -12,12 +12,14 @@ import numpy as np
 from vision.caliper import Floats
 from vision.image import Plane
 from vision.tip_silhouette import Silhouette
-from vision.tip_strip import Strip, edge_maps
+from vision.tip_strip import Strip, edge_maps, middle
 
 SHIFTS_PX: Floats = np.arange(-12.0, 12.1)
 TILTS: Floats = np.tan(np.radians(np.arange(-2.5, 2.51, 0.5)))
 # An edge that darkens inwards is one before something brighter than the metal: it counts, but less.
 DARKENING_WORTH = np.float32(0.7)
+# Where only one edge votes, a highlight's border must not pass for it: so much of the usual steepest slope is asked.
+LEAST_OF_STEEPEST = 0.6
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,12 +34,14 @@ class Vote:
 def vote(strip: Strip, slope: Plane, outline: Silhouette, pivot_u_px: float) -> Vote:
     """Return the line with the most votes within +-12 px, at u = `pivot_u_px`, and +-2.5 degrees of the strip's own.
 
-    slope: d/dv of the strip. Rows of the outline that the strip does not hold have no vote.
+    slope: d/dv of the strip, by ratio when the outline has a dim side, which then has no vote. Rows of the outline that
+    the strip does not hold have none either.
     """
     rows = np.rint(outline.u_px).astype(np.intp) - strip.u_from_px
     inside = (rows >= 0) & (rows < slope.shape[0])
     u = outline.u_px[inside] - pivot_u_px
-    rising, falling = edge_maps(slope[rows[inside]], strip.edge_level)
+    own = slope[rows[inside]]
+    rising, falling = edge_maps(own, _least_slope(own, strip, outline))
     on_left = np.maximum(rising, DARKENING_WORTH * falling)
     on_right = np.maximum(falling, DARKENING_WORTH * rising)
     axis = SHIFTS_PX[:, None, None] + TILTS[None, :, None] * u + strip.reach_px
@@ -50,3 +54,11 @@ def vote(strip: Strip, slope: Plane, outline: Silhouette, pivot_u_px: float) -> 
     row, column = (int(at) for at in np.unravel_index(int(np.argmax(shares)), shares.shape))
     tilt = float(TILTS[column])
     return Vote(float(SHIFTS_PX[row]) - tilt * pivot_u_px, tilt, float(shares[row, column]))
+
+
+def _least_slope(slope: Plane, strip: Strip, outline: Silhouette) -> float:
+    """Return the slope from which an edge votes."""
+    if not outline.dim_side:
+        return strip.edge_level
+    steepest = np.max(outline.dim_side * slope, axis=1)
+    return max(strip.edge_level, LEAST_OF_STEEPEST * middle(steepest))

@@ -7,7 +7,7 @@ on a grid twice as fine as the picture. Then come the lens (blur), the light (ga
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -34,6 +34,16 @@ class Needle:
     marked: bool = True
     highlight_at: float = 0.25  # of the half width
     marking_seed: int = 5
+    dim_side: int = 0  # lit from one side: the flank on the side of this sign of v is hardly brighter than the ground
+    flare: float = 0.0  # how much the cylinder's half width grows per px towards the barrel
+
+
+def side_lit(dim_side: int, tapered: bool) -> Needle:
+    """Return a needle lit from one side, one long taper or with a cylinder."""
+    needle = Needle(dim_side=dim_side, highlight_at=-0.25 * dim_side)
+    if not tapered:
+        return needle
+    return replace(needle, end_width_px=6.0, rim_width_px=24.0, cylinder_width_px=24.0, flare=0.068)
 
 
 @dataclass(frozen=True)
@@ -156,16 +166,17 @@ def draw_needle(canvas: Canvas, needle: Needle, white: bool) -> None:
     bend = np.radians(needle.angle_deg + needle.bend_deg)
     rim2 = tip[0] - taper * np.cos(bend), tip[1] - taper * np.sin(bend)
     u, v = canvas.along(rim2, needle.angle_deg)
-    half_width = needle.cylinder_width_px / 2
+    half_width = needle.cylinder_width_px / 2 - needle.flare * np.minimum(u, 0.0)
     cylinder = np.maximum(np.abs(v) - half_width, np.maximum(u, -u - 380.0))
     canvas.paint(cylinder, _metal(v / half_width, needle, white))
-    canvas.paint(np.maximum(np.abs(v) - 37.5, np.abs(u + 480.0) - 150.0), _metal(v / 37.5, needle, white))
+    if not needle.flare:
+        canvas.paint(np.maximum(np.abs(v) - 37.5, np.abs(u + 480.0) - 150.0), _metal(v / 37.5, needle, white))
     if needle.marked:
         _draw_marking(canvas, needle, u, v, white)
 
 
 def _draw_marking(canvas: Canvas, needle: Needle, u: Field, v: Field, white: bool) -> None:
-    half_width = needle.cylinder_width_px / 2
+    half_width = needle.cylinder_width_px / 2 - needle.flare * np.minimum(u, 0.0)
     ragged = np.random.default_rng(needle.marking_seed).normal(0.0, 0.5, (2, 64))
     ragged = np.stack([np.convolve(row, [0.25, 0.5, 0.25], mode="same") for row in ragged])
     column = np.clip((v / half_width + 1.0) * 31.5, 0.0, 63.0)
@@ -180,6 +191,9 @@ def _draw_marking(canvas: Canvas, needle: Needle, u: Field, v: Field, white: boo
 def _metal(across: Field, needle: Needle, white: bool) -> Field:
     side = np.clip(1.0 - across**2, 0.0, 1.0)
     shine = np.exp(-0.5 * ((across - needle.highlight_at) / 0.16) ** 2)
+    if white and needle.dim_side:
+        facing = np.maximum(np.cos(np.arcsin(np.clip(across, -1.0, 1.0)) + 0.45 * needle.dim_side), 0.0)
+        return np.asarray(62.0 + 110.0 * facing**1.3 + 70.0 * shine, dtype=np.float32)
     if white:
         return np.asarray(105.0 + 55.0 * side + 75.0 * shine, dtype=np.float32)
     return np.asarray(45.0 + 25.0 * side + 90.0 * shine, dtype=np.float32)

@@ -1,11 +1,12 @@
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.vision.scene import AXIS_DEG, NOMINAL_TIP, Camera, Needle, white_frame
+from tests.vision.scene import AXIS_DEG, NOMINAL_TIP, Camera, Needle, side_lit, white_frame
 from tests.vision.studio.needle import golden
-from vision import ProbeModel, find_tip
+from vision import ProbeModel, Tip, find_tip
 
 
 def test_teaching_measures_the_needle(model: ProbeModel) -> None:
@@ -104,6 +105,30 @@ def test_the_outline_is_measured_not_assumed() -> None:
         assert np.all(np.diff(outline.half_px[outline.on_taper]) < 0.4), "a needle narrows towards its end"
         half = float(np.interp(-0.55 * taught.h_px, outline.u_px, outline.half_px))
         assert half == pytest.approx(half_way_px, abs=1.0)
+
+
+@pytest.mark.parametrize("dim_side", [-1, 1])
+@pytest.mark.parametrize("tapered", [False, True])
+def test_the_end_of_the_light_is_not_taken_for_the_edge(dim_side: int, tapered: bool, tmp_path: Path) -> None:
+    """It should see the dim flank of a needle lit from one side, a long taper's too, and keep which side is dim."""
+    needle = side_lit(dim_side, tapered)
+    taught = ProbeModel.teach(white_frame(needle, Camera(), seed=1, clutter=0.0), NOMINAL_TIP)
+    assert taught.tip_px == pytest.approx(NOMINAL_TIP, abs=0.5)
+    assert np.degrees(taught.angle_rad) == pytest.approx(AXIS_DEG, abs=0.2)
+    outline = taught.outline
+    true_half = needle.cylinder_width_px / 2 + needle.flare * (-outline.u_px - needle.taper_px)
+    assert outline.half_px[~outline.on_taper] == pytest.approx(true_half[~outline.on_taper], abs=1.0)
+    taught.save(tmp_path / "model.npz")
+    again = ProbeModel.load(tmp_path / "model.npz")
+    assert again.outline.dim_side == outline.dim_side == dim_side
+    frame = white_frame(replace(needle, tip=(432.0, 617.0)), Camera(), seed=2, clutter=0.4)
+    assert isinstance(find_tip(frame, again), Tip)
+    assert find_tip(frame, again) == find_tip(frame, taught)
+
+
+def test_an_evenly_lit_needle_has_no_dim_side(model: ProbeModel) -> None:
+    assert model.outline.dim_side == 0
+    assert model.outline.shade_px is None
 
 
 def test_a_click_where_no_needle_ends_is_refused() -> None:

@@ -5,7 +5,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.vision.scene import AXIS_DEG, NOMINAL_TIP, Camera, Canvas, Needle, frame_of, white_frame
+from tests.vision.scene import AXIS_DEG, NOMINAL_TIP, Camera, Canvas, Needle, frame_of, side_lit, white_frame
 from tests.vision.studio.needle import golden, white_scene
 from vision import NotFound, ProbeModel, Reason, Tip, find_tip
 
@@ -212,3 +212,85 @@ def test_a_thinner_or_thicker_needle_is_named(model: ProbeModel) -> None:
     for scale in (0.7, 1.4):
         needle = Needle(rim_width_px=40.0 * scale, cylinder_width_px=42.0 * scale)
         assert reason_of(find_tip(white_frame(needle, Camera(), 3, 0.2), model)) is Reason.WRONG_NEEDLE
+
+
+@pytest.fixture(scope="module", params=[(-1, False), (1, False), (-1, True), (1, True)])
+def side_lit_needle(request: pytest.FixtureRequest) -> tuple[Needle, ProbeModel]:
+    """A needle lit from one side and its model."""
+    needle = side_lit(*request.param)
+    return needle, ProbeModel.teach(white_frame(needle, Camera(), seed=1, clutter=0.0), NOMINAL_TIP)
+
+
+def test_a_needle_lit_from_one_side_is_found(side_lit_needle: tuple[Needle, ProbeModel]) -> None:
+    needle, model = side_lit_needle
+    rng = np.random.default_rng(21)
+    placed = [replace(needle, tip=drawn.tip, angle_deg=drawn.angle_deg) for drawn in (shifted(rng) for _ in range(12))]
+    cameras = [Camera() if seed % 2 else hard_camera(rng) for seed in range(12)]
+    scenes = [(one, white_frame(one, cameras[seed], seed, 0.6)) for seed, one in enumerate(placed)]
+    found = [(one, find_tip(frame, model)) for one, frame in scenes]
+    error_px = [np.hypot(tip.x_px - one.tip[0], tip.y_px - one.tip[1]) for one, tip in found if tip]
+    assert len(error_px) >= 11
+    assert max(error_px) < 1.0
+
+
+@pytest.mark.parametrize("scale", [0.55, 1.7])
+def test_another_needle_lit_from_one_side_is_refused(side_lit_needle: tuple[Needle, ProbeModel], scale: float) -> None:
+    needle, model = side_lit_needle
+    other = replace(
+        needle,
+        end_width_px=needle.end_width_px * scale,
+        rim_width_px=needle.rim_width_px * scale,
+        cylinder_width_px=needle.cylinder_width_px * scale,
+        flare=needle.flare * scale,
+    )
+    for seed in range(3):
+        assert not find_tip(white_frame(other, Camera(), seed, 0.3), model)
+
+
+def test_no_picture_makes_it_raise(side_lit_needle: tuple[Needle, ProbeModel], model: ProbeModel) -> None:
+    """It should answer Tip or NotFound whatever it sees: other needles, parts of one, noise, stripes, nothing."""
+    rng = np.random.default_rng(5)
+    stripes = np.tile((np.arange(1600) % 24 < 12) * np.uint8(200), (1200, 1))
+    planes = [np.full((1200, 1600), level, np.uint8) for level in (0, 90, 255)]
+    planes += [stripes, stripes[:, ::-1], rng.integers(0, 256, (1200, 1600)).astype(np.uint8)]
+    frames = [np.repeat(plane[:, :, None], 3, axis=2) for plane in planes]
+    for one in (Needle(), side_lit(-1, True), side_lit(1, False), replace(side_lit(1, True), marked=False)):
+        frame = white_frame(one, Camera(), 3, 1.0)
+        frames += [frame, np.ascontiguousarray(frame[:, ::-1]), np.roll(frame, -40, axis=0)]
+    for frame in frames:
+        for taught in (side_lit_needle[1], model):
+            assert isinstance(find_tip(frame, taught), Tip | NotFound)
+
+
+def with_glint(
+    frame: np.ndarray, needle: Needle, above_tip_px: float, off_axis_px: float, size_px: float
+) -> np.ndarray:
+    """Add a soft bright blob, longer along the needle, to a white frame."""
+    angle = np.radians(needle.angle_deg)
+    c, s = np.cos(angle), np.sin(angle)
+    rows, columns = np.mgrid[0:800, 0:800]
+    dx, dy = columns - needle.tip[0], rows - needle.tip[1]
+    u, v = dx * c + dy * s + above_tip_px, dy * c - dx * s - off_axis_px
+    blob = 150.0 * np.exp(-0.5 * ((u / (1.8 * size_px)) ** 2 + (v / size_px) ** 2))
+    lit = frame.copy()
+    lit[:800, :800] = np.clip(lit[:800, :800] + blob[:, :, None], 0, 255).astype(np.uint8)
+    return lit
+
+
+@pytest.mark.parametrize("above_tip_px", [127.0, 138.0, 150.0, 163.0, 172.0])
+def test_a_glint_on_the_marking_does_not_hide_it(model: ProbeModel, above_tip_px: float) -> None:
+    rng = np.random.default_rng(31)
+    for seed in range(6):
+        needle = shifted(rng)
+        frame = white_frame(needle, Camera(), seed, 0.3)
+        lit = with_glint(frame, needle, above_tip_px, rng.uniform(-6, 6), rng.uniform(3, 7))
+        tip = find_tip(lit, model)
+        assert isinstance(tip, Tip), tip
+        assert np.hypot(tip.x_px - needle.tip[0], tip.y_px - needle.tip[1]) < 0.6
+
+
+def test_a_glint_does_not_make_a_marking(model: ProbeModel) -> None:
+    for seed, above_tip_px in enumerate((115.0, 130.0, 150.0, 185.0)):
+        for needle in (Needle(marked=False), Needle(marking_px=37.0)):
+            lit = with_glint(white_frame(needle, Camera(), seed, 0.2), needle, above_tip_px, 2.0, 5.0)
+            assert reason_of(find_tip(lit, model)) in {Reason.NO_MARKING, Reason.NO_NEEDLE}
