@@ -23,7 +23,7 @@ Flags = NDArray[np.bool_]
 # Pixels this near the rim tell of its place.
 EDGE_PX = 3.0
 # Pixels this near an edge are asked: the nearest tell of its place, the farther ones of how the levels slope.
-INSIDE_PX, OUTSIDE_PX = 7.0, 5.0
+INSIDE_PX, OUTSIDE_PX = 7.0, 6.5
 ROUNDS = 5
 # A pixel counts as badly explained up to this many levels.
 MOST_MISFIT = 25.0

@@ -22,6 +22,7 @@ from vision.round_objects import round_objects
 from vision.rules import (
     RULES,
     SITE_RADIUS_PX,
+    WHOLE_VISIBLE,
     Decided,
     Rule,
     SeenObject,
@@ -209,17 +210,16 @@ def _angular_after_all(decided: list[Decided], regions: list[Decided]) -> list[D
 
 
 def _drawn_after_all(decided: list[Decided], regions: list[Decided]) -> list[Decided]:
-    """Leave undecided a ring that shows the board within and is as bright as the lettering beside it."""
+    """Leave undecided a ring round bare board that is half hidden, or as bright as the lettering beside it."""
     ink = [item.object.level for item in (*regions, *decided) if item.rule in INK_RULES]
-    if not ink:
-        return decided
-    usual = float(np.median(ink))
+    usual = float(np.median(ink)) if ink else -np.inf
 
     def judged(item: Decided) -> Decided:
-        seen = item.object
-        alike = abs(usual - seen.level) < INK_LIKENESS * seen.contrast
-        drawn = item.verdict is Verdict.TAKE and seen.ring and alike
-        return replace(item, verdict=Verdict.PASS, rule="drawn_ring") if drawn else item
+        seen, circle = item.object, item.object.circle
+        if item.verdict is not Verdict.TAKE or circle is None or not seen.ring:
+            return item
+        doubtful = circle.visible < WHOLE_VISIBLE or abs(usual - seen.level) < INK_LIKENESS * seen.contrast
+        return replace(item, verdict=Verdict.PASS, rule="drawn_ring") if doubtful else item
 
     return [judged(item) for item in decided]
 
