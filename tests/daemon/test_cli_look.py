@@ -18,7 +18,7 @@ from daemon.cli.findings import number, seen_facts, tip_facts
 from daemon.cli.picture_files import BadPicture, decode
 from daemon.cli.points import parse_point
 from tests.vision.scene import NOMINAL_TIP, Camera, Canvas, Needle, Pad, frame_of, red_frame, white_frame
-from vision import ProbeModel, find_test_points, find_tip
+from vision import ProbeModel, Seen, Tip, find_test_points, find_tip
 
 runner = CliRunner()
 NEEDLE = Needle(tip=(430.3, 618.6))
@@ -103,10 +103,18 @@ def test_the_json_keys_are_the_same_whatever_was_found(desk: Path) -> None:
     assert all(each == keys[0] for each in keys)
 
 
-def test_the_needle_is_known_when_the_red_picture_is_searched(desk: Path) -> None:
+def test_the_needle_is_known_when_the_red_picture_is_searched(desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    needles = []
+
+    def searching(red: Any, around: Any, reach: float, radius: float | None, needle: Tip | None) -> Seen:
+        needles.append(needle)
+        return find_test_points(red, around, reach, radius, needle)
+
+    monkeypatch.setattr("daemon.cli.stored_look.find_test_points", searching)
     told = _told(_reprobe(desk, "look --white white.png --red red.png --probe probe.npz --json"))
     alone = _told(_reprobe(desk, f"look red.png --around {AROUND} --json"))
-    assert told["test_points"]["nearest"]["visible"] < alone["test_points"]["nearest"]["visible"]
+    assert [type(needle) for needle in needles] == [Tip, type(None)]
+    assert told["test_points"]["nearest"]["visible"] < 1.0
     assert alone["tip"] is None
 
 
