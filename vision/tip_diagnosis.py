@@ -25,6 +25,8 @@ LEAST_TURNED, TURNED_LEAD = 0.5, 0.12
 # Share of clipped pixels round the needle from which its edges say nothing.
 MOST_CLIPPED = 0.2
 LEAST_STRIP_SHARPNESS = 0.08
+# Correlation with the golden template: 0.6 and more when blurred by 4 px and more, under 0.4 without a needle.
+LIKE_A_NEEDLE = 0.5
 SIDE_SPARE_PX = 24
 # A bar shows both edges on so much of its length (0..1); the taught width beside it shows no more than that.
 LEAST_BAR, MOST_OF_OWN, MOST_OWN_BAR = 0.55, 0.85, 0.35
@@ -43,9 +45,9 @@ def name_it(plane: Gray, sighting: Sighting, model: ProbeModel, origin: tuple[in
             f"{100 * clipped:.0f} % of the pixels round the needle are at full scale: shorten the exposure or look for "
             "a second light",
         )
-    # A bare board where the needle should be has nothing sharp either: the rest of the picture tells.
-    sharpness = max(strip_sharpness(strip), picture_sharpness(plane))
-    if sharpness < LEAST_STRIP_SHARPNESS:
+    # A blurred needle still looks like one from afar; a bare board in its place has nothing sharp either.
+    sharpness = strip_sharpness(strip)
+    if sharpness < LEAST_STRIP_SHARPNESS and sighting.match.score > LIKE_A_NEEDLE:
         return blurred(sharpness, LEAST_STRIP_SHARPNESS)
     image = plane.astype(np.float32)
     for better in (_turned(image, plane, sighting, model, origin), _other_width(image, sighting, model)):
@@ -59,14 +61,6 @@ def strip_sharpness(strip: Strip) -> float:
     slope = np.abs(derivative(np.ascontiguousarray(strip.pixels[::2]), 1.0))
     low, high = quantiles(strip.pixels[::4, ::4], 0.02, 0.99)
     return quantiles(slope[:, ::2], 0.0, 0.99)[1] / max(high - low, 1.0)
-
-
-def picture_sharpness(plane: Gray) -> float:
-    """Return the steepest slopes of a picture (H, W) uint8 over its range of levels, 1/px."""
-    smooth = cv2.GaussianBlur(plane, (0, 0), 1.0)
-    slope = np.hypot(*(cv2.Sobel(smooth, cv2.CV_32F, dx, 1 - dx, scale=0.125) for dx in (0, 1)))
-    low, high = quantiles(np.asarray(plane[::4, ::4], dtype=np.float32), 0.02, 0.99)
-    return quantiles(np.asarray(slope[::2, ::2], dtype=np.float32), 0.0, 0.99)[1] / max(high - low, 1.0)
 
 
 def _turned(
