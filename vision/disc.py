@@ -2,8 +2,7 @@
 
 The model is the picture itself: levels inside and outside that may slope, one blur, one ellipse a disc. Gauss-Newton on
 the pixels within a few px of the edges, weighted robustly, so that a trace, a needle, dirt or a neighbour drop out. On
-white noise it reaches the Cramer-Rao bound but for the levels it must also find (1.0..1.2 of it); an edge caliper needs
-about twice that.
+white noise it comes within 1.0..1.5 times the Cramer-Rao bound (tests/bench/vision): it must also find the levels.
 """
 
 from __future__ import annotations

@@ -112,9 +112,10 @@ def find_test_points(
 
     expected_radius_px: the semi-major radius CAD expects, which replaces the thesis' classes (via 5..8 px, site
     14..21 px) and widens the window. needle: where the needle is in this picture; what it hides is left out. view: how
-    obliquely the board is seen (default: the needle's direction and a ratio of 0.87). Good to about 0.05 px on whole
-    pads, 0.2 px on half-hidden ones. `nearest` is NotFound with one of too_dark, saturated, out_of_frame,
-    no_test_point, ambiguous, undecided. ValueError for a wrong array, a point or number that is not finite.
+    obliquely the board is seen (default: the needle's direction and a ratio of 0.87; without a needle anything between
+    square and that). Good to about 0.05 px on whole pads, 0.3 px on half-hidden ones. `nearest` is NotFound with one of
+    too_dark, saturated, out_of_frame, no_test_point, ambiguous, undecided. ValueError for a wrong array, a point or
+    number that is not finite.
     """
     image = check_bgr(red_bgr)
     around = check_point(around_px, "around_px")

@@ -63,7 +63,7 @@ class Tip:
 def find_tip(white_bgr: Any, model: ProbeModel) -> Tip | NotFound:
     """Find the needle's end in a white frame (H, W, 3) uint8 BGR, in the frame's pixels.
 
-    Accurate to about 0.1 px on clean pictures; `Tip.sigma_px` says how well this time. Returns NotFound with one of
+    Accurate to about 0.15 px on clean pictures; `Tip.sigma_px` says how well this time. Returns NotFound with one of
     too_dark, saturated, blurred, out_of_frame, no_needle, wrong_needle, no_marking, bent. ValueError for an array of
     another shape or type.
     """

@@ -32,9 +32,13 @@ def test_centre_and_ellipse_come_back_from_a_rough_seed(radius: float, ratio: fl
     x, y = 71.37, 68.81
     found = fit(disc(x + 30, y + 30, radius, ratio), x + 1.2, y - 1.0, radius * 1.05)
     assert found is not None
-    assert (found.x_px, found.y_px) == pytest.approx((x, y), abs=0.2)
-    assert found.radius_px == pytest.approx(radius, rel=0.08)
     assert found.coverage > 0.9
+    picture = disc(x + 30, y + 30, radius, ratio)
+    usable = np.ones(picture.shape, bool)
+    measured = measure_disc(picture.astype(np.float32), found.contour, VIEW, usable=usable, sectors=found.sectors)
+    assert measured is not None
+    assert (measured.contour.x_px, measured.contour.y_px) == pytest.approx((x, y), abs=0.1)
+    assert measured.contour.ellipse(VIEW)[0] == pytest.approx(radius, rel=0.06)
 
 
 def test_a_view_of_which_nothing_is_known_finds_square_and_oblique_circles() -> None:
@@ -53,7 +57,7 @@ def test_visible_is_what_nothing_hides() -> None:
     half = fit_circle(edgels, Contour(70.5, 69.5, 17.0), VIEW, shape=picture.shape, reach_px=4.0, hidden=hidden)
     assert half is not None
     assert half.visible == pytest.approx(0.5, abs=0.06)
-    assert (half.x_px, half.y_px) == pytest.approx((70.0, 70.0), abs=0.4)
+    assert (half.x_px, half.y_px) == pytest.approx((70.0, 70.0), abs=0.3)
     whole = fit(picture, 70.5, 69.5, 17.0)
     assert whole is not None
     assert half.sigma_px > 1.3 * whole.sigma_px

@@ -138,8 +138,7 @@ def test_a_board_without_pads_gives_no_answer() -> None:
         clutter = silk if seed % 2 else None
         seen = find_test_points(red_frame((), Needle() if seed % 3 else None, Camera(noise=5), seed, clutter), AROUND)
         assert reason_of(seen) in {Reason.NO_TEST_POINT, Reason.UNDECIDED}
-        # Lettering that the needle cuts may look like a pad; it must not within reach of the tip.
-        assert all(np.hypot(point.x_px - AROUND[0], point.y_px - AROUND[1]) > 30.0 for point in seen.taken)
+        assert seen.taken == ()
 
 
 def test_silkscreen_and_rectangles_beside_it_do_not_draw_a_wrong_pad(model: ProbeModel) -> None:
