@@ -124,16 +124,20 @@ class Axis:
         self._pieces = [*pieces, _resting(end_s, rotor, carriage, play, goal)]
 
     def slip(self, t_s: float, distance: float) -> None:
-        """Stop at once and come to rest `distance` away: the power was cut."""
+        """Stop at once and come to rest `distance` away, but never beyond a hard stop: steps are lost."""
         now = self._at(t_s)
         rotor, carriage, error = now.rotor.position(t_s), now.carriage(t_s), now.error.position(t_s)
+        distance = min(max(carriage + distance, self.spec.hard_min), self.spec.hard_max) - carriage
         self._pieces = [*self._until(t_s), _resting(t_s, rotor + distance, carriage + distance, now.play, error)]
 
     def next_crossing(self, place: float, after_s: float, *, upwards: bool) -> float | None:
         """Return the first time after `after_s` at which the carriage is going to pass a place, or None."""
-        for piece in self._pieces:
-            if piece.rotor.t1_s < after_s:
-                continue
+        pieces = self._pieces
+        # The past half minute may hold a thousand pieces, and what is asked for is among the last.
+        first = len(pieces)
+        while first and pieces[first - 1].rotor.t1_s >= after_s:
+            first -= 1
+        for piece in pieces[first:]:
             t_s = piece.when_at(place, upwards=upwards)
             if t_s is not None and t_s > after_s:
                 return t_s

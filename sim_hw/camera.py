@@ -228,6 +228,13 @@ class CameraServer:
         return bytes(cv2.imencode(".jpg", picture, options)[1])
 
     def _picture(self, frame: Captured) -> Picture:
+        """Return a frame as the driver delivers it."""
+        picture = self._taken(frame)
+        if self._faults.use("mirrored"):
+            return np.asarray(cv2.flip(picture, 1), dtype=np.uint8)
+        return picture
+
+    def _taken(self, frame: Captured) -> Picture:
         if self._faults.use("black"):
             return np.zeros((HEIGHT_PX, WIDTH_PX, 3), dtype=np.uint8)
         if not self._faults.use("frozen"):

@@ -169,6 +169,7 @@ class Drive:
 
     def _heed_faults(self) -> None:
         """Act on what is broken now."""
+        self.motor.heed_slip(self.now_s)
         if self._cut_off():
             if self.state is not PowerState.FAULT or self._stage.moving():
                 self._fail(UNDER_VOLTAGE)

@@ -25,6 +25,7 @@ DEFAULTS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
         "stall": {"axis": "x", "detected": False},
         "limit": {"axis": "x", "side": "both"},
         "estop": {},
+        "slip": {"axis": "x", "um": 300.0},
         # lights
         "dead_lamp": {"lamp": "white"},
         "relay_stuck": {},
@@ -34,6 +35,10 @@ DEFAULTS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
         "torn": {},
         "silent": {},
         "unplugged": {},
+        "mirrored": {},
+        # control-point card
+        "card_gone": {},
+        "card_covered": {},
         # needle
         "bent": {"px": 10.0},
         "missing": {},
@@ -44,6 +49,9 @@ CHOICES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {"axis": _AXES, "side": ("negative", "positive", "both"), "lamp": ("white", "red", "both")}
 )
 
+#: A linear axis slips by micrometres.
+_CHOICES_OF: Mapping[tuple[str, str], tuple[str, ...]] = MappingProxyType({("slip", "axis"): ("x", "y")})
+
 Listener = Callable[[str, bool, Mapping[str, Any]], None]
 
 
@@ -52,6 +60,7 @@ class Faults:
 
     def __init__(self) -> None:
         self._on: dict[str, dict[str, Any]] = {}
+        self._times: dict[str, int] = {}
         self._listeners: list[Listener] = []
 
     def listen(self, listener: Listener) -> None:
@@ -69,6 +78,7 @@ class Faults:
             raise ValueError(f"unknown fault {name!r}; known: {', '.join(DEFAULTS)}")
         if on:
             self._on[name] = _checked(name, parameters)
+            self._times[name] = self.times(name) + 1
         else:
             self._on.pop(name, None)
         self._tell(name, on=on)
@@ -76,6 +86,10 @@ class Faults:
     def on(self, name: str) -> bool:
         """Tell whether a fault is on."""
         return name in self._on
+
+    def times(self, name: str) -> int:
+        """Return how often a fault was switched on so far, for what happens once each time."""
+        return self._times.get(name, 0)
 
     def get(self, name: str) -> Mapping[str, Any]:
         """Return the parameters of a fault: those in force, or the defaults while it is off."""
@@ -114,8 +128,8 @@ def _checked(name: str, parameters: Mapping[str, Any]) -> dict[str, Any]:
                 raise ValueError(f"fault {name!r}: count must be a whole number above zero, not {value!r}")
         elif key not in merged:
             raise ValueError(f"fault {name!r} has no parameter {key!r}; it has: {', '.join(merged) or 'none'}")
-        elif key in CHOICES and value not in CHOICES[key]:
-            raise ValueError(f"fault {name!r}: {key} must be one of {', '.join(CHOICES[key])}, not {value!r}")
+        elif key in CHOICES and value not in (choices := _CHOICES_OF.get((name, key), CHOICES[key])):
+            raise ValueError(f"fault {name!r}: {key} must be one of {', '.join(choices)}, not {value!r}")
         elif key not in CHOICES:
             value = _like(name, key, merged[key], value)
         merged[key] = value

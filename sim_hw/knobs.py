@@ -24,6 +24,15 @@ class Knobs:
     board_height_sigma_um: float = 15.0
     board_tilt_sigma_um_per_mm: float = 0.2
 
+    # --- the control-point card beside the board: shift, rotation about its centre, height
+    card_dx_um: float | None = None
+    card_dy_um: float | None = None
+    card_rotation_deg: float | None = None
+    card_dz_um: float | None = None
+    card_shift_max_um: float = 100.0
+    card_rotation_max_deg: float = 1.0
+    card_height_sigma_um: float = 15.0
+
     # --- where the axes stand at power-up (X and Y 5..15 mm from home, Z high, theta anywhere)
     x_start_um: float | None = None
     y_start_um: float | None = None
@@ -45,6 +54,9 @@ class Knobs:
     #: Slip of a linear axis whose power is cut while it moves, one sigma.
     estop_slip_um: float = 40.0
     head_runout_scale: float = 1.0
+
+    #: How far the probe's plunger can be pushed in; what is lowered further presses with the whole pin.
+    pin_travel_um: float = 1000.0
 
     # --- lights
     lamp_rise_s: float = 0.015

@@ -35,13 +35,22 @@ class Slave(Protocol):
         """Return the reply's PDU, or None to stay silent. Raises ModbusError for an exception reply."""
 
 
+def _crc_of(byte: int) -> int:
+    """Return what one byte adds to the CRC, bit by bit (Modbus over serial line, 6.2.2)."""
+    crc = byte
+    for _ in range(8):
+        crc = (crc >> 1) ^ 0xA001 if crc & 1 else crc >> 1
+    return crc
+
+
+_CRC_OF = tuple(_crc_of(byte) for byte in range(256))
+
+
 def crc16(data: bytes) -> int:
     """Return the Modbus CRC (sent low byte first)."""
     crc = 0xFFFF
     for byte in data:
-        crc ^= byte
-        for _ in range(8):
-            crc = (crc >> 1) ^ 0xA001 if crc & 1 else crc >> 1
+        crc = crc >> 8 ^ _CRC_OF[(crc ^ byte) & 0xFF]
     return crc
 
 

@@ -71,6 +71,17 @@ class Trajectory:
                 return segment.velocity(t_s)
         return 0.0
 
+    def rest_of(self, t_s: float) -> Trajectory:
+        """Return what is left of the motion at a time at or after the start."""
+        left = []
+        for segment in self.segments:
+            if segment.t1_s <= t_s:
+                continue
+            begin_s = max(t_s, segment.t0_s)
+            begun = {"x0": segment.position(begin_s), "v0": segment.velocity(begin_s)}
+            left.append(replace(segment, t0_s=begin_s, duration_s=segment.t1_s - begin_s, **begun))
+        return Trajectory(tuple(left), t_s, self.end)
+
     def shifted(self, dx: float) -> Trajectory:
         """Return the same motion with all positions moved by `dx`."""
         moved = tuple(replace(segment, x0=segment.x0 + dx) for segment in self.segments)

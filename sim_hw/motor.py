@@ -27,6 +27,7 @@ class Motor:
         self.demand = resting(t_s, 0.0)
         self.zero = 0.0
         self._stalled = False
+        self._slips = plant.faults.times("slip")
 
     def position(self, t_s: float) -> float:
         """Return the counted position at a time."""
@@ -78,6 +79,16 @@ class Motor:
         self._plant.changed()
         return True
 
+    def heed_slip(self, t_s: float) -> None:
+        """Let the carriage slip once for each time the fault was switched on; motion goes on, and the count too."""
+        faults, times = self._plant.faults, self._plant.faults.times("slip")
+        if times == self._slips:
+            return
+        self._slips = times
+        if faults.hits("slip", "axis", self.spec.name):
+            self._axis.slip(t_s, float(faults.get("slip")["um"]))
+            self._turn(self.demand.rest_of(t_s))
+
     def active(self, switch: Switch, t_s: float) -> bool:
         """Tell whether a switch is actuated at a time."""
         faults, spec = self._plant.faults, self.spec
@@ -100,9 +111,12 @@ class Motor:
         return self._axis.next_crossing(edges[switch], after_s, upwards=upwards)
 
     def _order(self, demand: Trajectory) -> None:
-        name = self.spec.name
         self.demand = demand
-        self._stalled = self._plant.faults.hits("stall", "axis", name) and bool(demand.segments)
+        self._stalled = self._plant.faults.hits("stall", "axis", self.spec.name) and bool(demand.segments)
+        self._turn(demand)
+
+    def _turn(self, demand: Trajectory) -> None:
+        name = self.spec.name
         play, sigma = self._plant.backlash(name), self._plant.stop_sigma(name)
         self._axis.follow(demand, play=play, sigma=sigma, stalled=self._stalled)
         self._plant.changed()

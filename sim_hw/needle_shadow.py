@@ -16,12 +16,19 @@ _STEPS = 40
 
 
 def shadow(
-    optics: Optics, needle: Needle, gap_um: float, azimuth_deg: float, lean: float, size_px: Sequence[int]
+    optics: Optics,
+    needle: Needle,
+    gap_um: float,
+    azimuth_deg: float,
+    lean: float,
+    size_px: Sequence[int],
+    pressed_um: float = 0.0,
 ) -> npt.NDArray[np.float32]:
     """Return the light that is left, 0..1, float32 (rows, columns) of a frame of `size_px` (width, height).
 
     The lamp shines from the side opposite to `azimuth_deg` (counted from the camera's viewing direction) and
-    throws a shadow `lean` times as long as the thing is high. `gap_um` is the tip's height above the board.
+    throws a shadow `lean` times as long as the thing is high. `gap_um` is how high the pin's end is over the surface,
+    `pressed_um` how far the pin is pushed in.
     """
     turn = math.radians(azimuth_deg)
     c, s = math.cos(turn), math.sin(turn)
@@ -29,8 +36,10 @@ def shadow(
     direction = np.array([c * away[0] - s * away[1], s * away[0] + c * away[1], 0.0])
     aside = np.array([-direction[1], direction[0], 0.0])
     heights = np.linspace(0.0, _LENGTH_UM, _STEPS)
-    radii = np.interp(heights, needle.heights_um, needle.radius_um)
-    ground = direction * ((heights + gap_um) * lean)[:, None] - np.array([0.0, 0.0, gap_um])
+    radii = needle.radius_um(heights + pressed_um, pressed_um)
+    # The surface is that far below the place where a free pin would end.
+    below_um = gap_um - pressed_um
+    ground = direction * ((heights + gap_um) * lean)[:, None] - np.array([0.0, 0.0, below_um])
     width, height = size_px[0] // _COARSE, size_px[1] // _COARSE
     dark = np.zeros((height, width), dtype=np.float32)
     for k in range(_STEPS - 1):

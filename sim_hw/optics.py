@@ -40,7 +40,7 @@ class Pose(Protocol):
 
 
 class Head(Protocol):
-    """What a picture depends on: the tip, the head's angle, its height over the real surface, the lights."""
+    """What a picture depends on: the tip, the head's angle, how high both are, the lights."""
 
     @property
     def theta_deg(self) -> float: ...  # noqa: D102
@@ -49,13 +49,26 @@ class Head(Protocol):
     @property
     def tip_y_um(self) -> float: ...  # noqa: D102
     @property
+    def tip_z_um(self) -> float: ...  # noqa: D102
+    @property
     def tip_height_um(self) -> float: ...  # noqa: D102
+    @property
+    def pressed_um(self) -> float: ...  # noqa: D102
     @property
     def white(self) -> float: ...  # noqa: D102
     @property
     def red(self) -> float: ...  # noqa: D102
     @property
     def moving(self) -> bool: ...  # noqa: D102
+
+
+@dataclass(frozen=True)
+class Stand:
+    """Where camera and probe stand: the free probe's end in the robot frame (um), head angle, shift of the picture."""
+
+    tip_um: tuple[float, float, float]
+    theta_deg: float
+    shift_px: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -72,17 +85,18 @@ class Optics:
         homogeneous = camera @ self.intrinsics.T
         return np.asarray(homogeneous[:, :2] / homogeneous[:, 2:])
 
-    def homography(self, plane: Matrix, tip_robot_um: Matrix, theta_deg: float) -> Matrix:
+    def homography(self, plane: Matrix, stand: Stand) -> Matrix:
         """Return the map (3, 3) from plane coordinates to pixels.
 
         `plane` (3, 3) takes homogeneous plane coordinates (u, v, 1) to the robot frame in um.
         """
-        c, s = math.cos(math.radians(theta_deg)), math.sin(math.radians(theta_deg))
+        c, s = math.cos(math.radians(stand.theta_deg)), math.sin(math.radians(stand.theta_deg))
         to_head = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
         last = np.array([0.0, 0.0, 1.0])
-        relative = plane - np.outer(tip_robot_um, last)
+        relative = plane - np.outer(stand.tip_um, last)
         camera = self.rotation @ to_head @ relative + np.outer(self.tip_um, last)
-        return np.asarray(self.intrinsics @ camera)
+        shift = np.array([[1.0, 0.0, stand.shift_px[0]], [0.0, 1.0, stand.shift_px[1]], [0.0, 0.0, 1.0]])
+        return np.asarray(shift @ (self.intrinsics @ camera))
 
 
 def _vanishing_px(centre_px: Matrix) -> Matrix:
@@ -129,9 +143,3 @@ def board_plane(origin_um: tuple[float, float], size_mm: tuple[float, float], po
     plane[2, :2] = tilt @ across
     plane[2, 2] = pose.dz_um + float(tilt @ (start - centre_um))
     return plane
-
-
-def surface_um(place_um: tuple[float, float], centre_um: tuple[float, float], pose: Pose) -> float:
-    """Return the height of the real surface over the nominal plane at a place of the robot frame."""
-    x_mm, y_mm = (place_um[0] - centre_um[0]) / 1e3, (place_um[1] - centre_um[1]) / 1e3
-    return pose.dz_um + pose.tilt_x_um_per_mm * x_mm + pose.tilt_y_um_per_mm * y_mm

@@ -1,7 +1,8 @@
 """The truth: where the axes, the tip and the board really are and how bright the lamps are, at any time.
 
 Nothing here sleeps or looks at a clock; time is an argument. What is NOT modelled: vibration after a stop, thermal
-drift, axes that are not square, the spring of the probe pin (a tip below the surface is only reported), jerk.
+drift, axes that are not square, jerk; what a pressed probe does to the things it touches: its force, friction and
+sideways walk, a board that gives way. A pin at the end of its travel goes on into the surface.
 """
 
 from __future__ import annotations
@@ -12,13 +13,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from sim_hw.axis import SPECS, Axis, AxisSpec
+from sim_hw.card import CardPose
 from sim_hw.faults import Faults
 from sim_hw.knobs import Knobs
 from sim_hw.lamp import Lamp
 from sim_hw.pose import TOUCH_Z_UM, BoardPose, Placement
 from sim_hw.runout import tip_offset_um
 
-__all__ = ["BoardPose", "HeadState", "Knobs", "Placement", "Plant", "head_angle_deg"]
+__all__ = ["BoardPose", "CardPose", "HeadState", "Knobs", "Placement", "Plant", "head_angle_deg"]
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,11 @@ class HeadState:
     #: The end of a straight needle in the robot frame, run-out included; the `bent` fault is added by the truth log.
     tip_x_um: float
     tip_y_um: float
-    #: The tip above the real board surface at that place.
+    #: The end of the pin, were it free, above the nominal board plane: the head's height.
+    tip_z_um: float
+    #: How far the pin is pushed in.
+    pressed_um: float
+    #: The end of the pin above the real surface at that place: 0 when pressed, below 0 past the pin's travel.
     tip_height_um: float
     #: Light levels 0..1.
     white: float
@@ -55,6 +61,7 @@ class Plant:
         self.faults = faults
         self.seed = seed
         self.board_pose = BoardPose.drawn(knobs, seed)
+        self.card_pose = CardPose.drawn(knobs, seed)
         self.axes = {spec.name: Axis(spec, self._start(spec), self._rng(f"{spec.name}/stop")) for spec in SPECS}
         self.lamps = {name: Lamp(self._rng(f"{name}/contact")) for name in ("white", "red")}
         #: Called with (t_s, event, facts) for what the truth log keeps.
@@ -71,7 +78,7 @@ class Plant:
             listener()
 
     def set_knob(self, name: str, value: object) -> None:
-        """Turn one knob; board knobs move the board at once, the others count from their next use.
+        """Turn one knob; those of board and card move it at once, the others count from their next use.
 
         Raises:
             ValueError: no such knob or an unfit value.
@@ -79,6 +86,7 @@ class Plant:
         """
         self.knobs = self.knobs.with_value(name, value)
         self.board_pose = BoardPose.drawn(self.knobs, self.seed)
+        self.card_pose = CardPose.drawn(self.knobs, self.seed)
         self.changed()
 
     def backlash(self, axis: str) -> float:
@@ -115,7 +123,9 @@ class Plant:
         theta_deg = head_angle_deg(axis_deg)
         offset_x_um, offset_y_um = tip_offset_um(theta_deg, self.knobs.head_runout_scale)
         tip = (x_um + offset_x_um, y_um + offset_y_um)
-        surface_um = self.board_pose.height_um(tip, self.placement.centre_um)
+        free_um = z_um - TOUCH_Z_UM
+        above_um = free_um - self.surface_um(tip)
+        pressed_um = max(0.0, min(-above_um, self.knobs.pin_travel_um))
         return HeadState(
             x_um=x_um,
             y_um=y_um,
@@ -123,11 +133,25 @@ class Plant:
             theta_deg=theta_deg,
             tip_x_um=tip[0],
             tip_y_um=tip[1],
-            tip_height_um=z_um - TOUCH_Z_UM - surface_um,
+            tip_z_um=free_um,
+            pressed_um=pressed_um,
+            tip_height_um=above_um + pressed_um,
             white=self.light("white", t_s),
             red=self.light("red", t_s),
             moving=any(axis.moving(t_s) for axis in self.axes.values()),
         )
+
+    @property
+    def card(self) -> CardPose | None:
+        """Return where the control-point card lies, or None while it is gone."""
+        return None if self.faults.on("card_gone") else self.card_pose
+
+    def surface_um(self, place_um: tuple[float, float]) -> float:
+        """Return the height of what lies at a place of the robot frame, card or board plane, above the nominal one."""
+        card = self.card
+        if card is not None and card.covers(place_um):
+            return card.dz_um
+        return self.board_pose.height_um(place_um, self.placement.centre_um)
 
     def to_real_um(self, x_mm: float, y_mm: float) -> tuple[float, float]:
         """Return where a CAD place (mm) really is in the robot frame."""

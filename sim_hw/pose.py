@@ -66,12 +66,12 @@ class BoardPose:
         dz_um = rng.gauss(0.0, 1.0) * knobs.board_height_sigma_um
         tilt_x, tilt_y = (rng.gauss(0.0, 1.0) * knobs.board_tilt_sigma_um_per_mm for _ in range(2))
         return cls(
-            dx_um=_chosen(knobs.board_dx_um, shift_um * math.cos(direction)),
-            dy_um=_chosen(knobs.board_dy_um, shift_um * math.sin(direction)),
-            rotation_deg=_chosen(knobs.board_rotation_deg, rotation_deg),
-            dz_um=_chosen(knobs.board_dz_um, dz_um),
-            tilt_x_um_per_mm=_chosen(knobs.board_tilt_x_um_per_mm, tilt_x),
-            tilt_y_um_per_mm=_chosen(knobs.board_tilt_y_um_per_mm, tilt_y),
+            dx_um=chosen(knobs.board_dx_um, shift_um * math.cos(direction)),
+            dy_um=chosen(knobs.board_dy_um, shift_um * math.sin(direction)),
+            rotation_deg=chosen(knobs.board_rotation_deg, rotation_deg),
+            dz_um=chosen(knobs.board_dz_um, dz_um),
+            tilt_x_um_per_mm=chosen(knobs.board_tilt_x_um_per_mm, tilt_x),
+            tilt_y_um_per_mm=chosen(knobs.board_tilt_y_um_per_mm, tilt_y),
         )
 
     def apply(self, nominal_um: tuple[float, float], centre_um: tuple[float, float]) -> tuple[float, float]:
@@ -92,5 +92,6 @@ class BoardPose:
         return self.dz_um + self.tilt_x_um_per_mm * x_mm + self.tilt_y_um_per_mm * y_mm
 
 
-def _chosen(knob: float | None, drawn: float) -> float:
+def chosen(knob: float | None, drawn: float) -> float:
+    """Return what a knob says, or what was drawn where it says nothing."""
     return drawn if knob is None else knob

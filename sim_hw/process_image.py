@@ -29,6 +29,7 @@ class Image:
         self._objects = objects
         self._mapping = mapping
         self._word_order = word_order
+        self._places: list[tuple[int, int, Key]] | None = None
         self._letter = "R" if mapping == RX_MAPPING else "T"
         objects.setters[mapping, 0] = self._check_count
         for sub in range(1, MAX_ENTRIES + 1):
@@ -36,6 +37,11 @@ class Image:
 
     def places(self) -> list[tuple[int, int, Key]]:
         """Return (first byte, length, object) of what is mapped now."""
+        if self._places is None:
+            self._places = self._placed()
+        return self._places
+
+    def _placed(self) -> list[tuple[int, int, Key]]:
         count = self._objects.get(self._mapping)
         offset, found = 0, []
         for sub in range(1, count + 1):
@@ -72,6 +78,7 @@ class Image:
         return turned[2:] + turned[:2] if len(data) == 4 and self._word_order == "low" else turned
 
     def _check_count(self, count: int) -> None:
+        self._places = None
         if count > MAX_ENTRIES:
             raise ObjectAbort(ABORT_RANGE)
         entries = [self._objects.get(self._mapping, sub) for sub in range(1, count + 1)]
@@ -81,6 +88,7 @@ class Image:
             raise ObjectAbort(ABORT_MAPPING_TOO_LONG)
 
     def _check_entry(self, entry: int) -> None:
+        self._places = None
         if self._objects.get(self._mapping):
             # An entry may only be changed while the mapping is switched off (subindex 0 is 0).
             raise ObjectAbort(ABORT_STATE)

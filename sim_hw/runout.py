@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +22,7 @@ def _table() -> npt.NDArray[np.float64]:
     return np.loadtxt(_DATA, delimiter=",", skiprows=4, unpack=True)
 
 
+@lru_cache(maxsize=1024)
 def runout_um(theta_deg: float) -> tuple[float, float]:
     """Return the run-out (dx_um, dy_um) in the robot frame at a head angle, periodic, linear between the rows."""
     theta, dx_um, dy_um = _table()

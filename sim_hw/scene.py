@@ -1,6 +1,7 @@
-"""The scene before the lens: the board's plane, the probe in front of it, shadow and glint.
+"""The scene before the lens: what lies on the bench, the probe in front of it, shadow and glint.
 
-What is NOT modelled: the thickness of components, reflections of the probe in the solder mask, lens distortion.
+What is NOT modelled: the thickness of components and of the card, reflections of the probe in the solder mask, lens
+distortion.
 """
 
 import math
@@ -12,20 +13,13 @@ import numpy as np
 import numpy.typing as npt
 
 from sim_hw.board import ROBOT_ORIGIN_UM, Board
+from sim_hw.card import CardPose
+from sim_hw.ground import Ground
 from sim_hw.needle import Needle, NeedlePicture
 from sim_hw.needle_shadow import shadow
-from sim_hw.optics import (
-    HEIGHT_PX,
-    WIDTH_PX,
-    Head,
-    Matrix,
-    Pose,
-    board_plane,
-    make_optics,
-    surface_um,
-)
+from sim_hw.optics import HEIGHT_PX, WIDTH_PX, Head, Pose, Stand, make_optics
 from sim_hw.render import AMBIENT, NOMINAL_EXPOSURE_S, Exposed, Sensor, SensorSettings
-from sim_hw.texture import BENCH_RED, BENCH_WHITE, BoardTexture, Picture
+from sim_hw.texture import BENCH_RED, BENCH_WHITE, Picture
 
 _LIGHT_SAMPLES = 9
 _MOVING_VIEWS = 4
@@ -42,6 +36,8 @@ class Plant(Protocol):
 
     @property
     def board_pose(self) -> Pose: ...  # noqa: D102  # the names say it
+    @property
+    def card_pose(self) -> CardPose: ...  # noqa: D102
     @property
     def knobs(self) -> Any: ...  # noqa: D102
     def state_at(self, t_s: float) -> Head: ...  # noqa: D102
@@ -85,13 +81,12 @@ class Scene:
         self._seed = seed
         self.optics = make_optics()
         self.needle = Needle(self.optics, seed)
-        self._texture = BoardTexture(board, seed)
-        self._texel_to_mm = np.linalg.inv(self._texture.from_mm(board))
+        self._ground = Ground(self.optics, board, seed)
         self._sensor = Sensor(seed)
         self._ready = False
-        self._needle_key: tuple[float, float, float] | None = None
+        self._needle_key: tuple[float, float, float, float] | None = None
         self._needle_picture: NeedlePicture | None = None
-        self._shadows: dict[tuple[str, int], npt.NDArray[np.float32]] = {}
+        self._shadows: dict[tuple[str, int, int], npt.NDArray[np.float32]] = {}
 
     def render(self, shot: Shot) -> Picture:
         """Return the frame (1200, 1600, 3) BGR uint8 of an exposure; the same shot gives the same frame."""
@@ -114,11 +109,12 @@ class Scene:
         if not self._ready:
             self._sensor.prepare(self._settings(Shot(0, NOMINAL_EXPOSURE_S, ())))
             self._ready = True
-        return self._texture.draw_one_more()
+        return self._ground.draw_ahead()
 
     def tip_px(self, state: Head) -> tuple[float, float]:
-        """Return where the end of the probe is in the picture, bend and flex of the mount included."""
-        x_px, y_px = self.needle.tip_px + self._flex_px(state) + self._bent_px() * self.needle.bend_direction
+        """Return where the end of the probe is in the picture, spring, bend and flex of the mount included."""
+        straight = self.needle.end_px(state.pressed_um) + self._flex_px(state)
+        x_px, y_px = straight + self._bent_px() * self.needle.bend_direction
         return (float(x_px), float(y_px))
 
     def _bent_px(self) -> float:
@@ -128,19 +124,17 @@ class Scene:
         """Return where a CAD point (mm) of the board as it really lies is in the picture."""
         u_um, v_um = self._board.nominal_um(x_mm, y_mm)
         place = np.array([(u_um - ROBOT_ORIGIN_UM[0]) / 1e3, (v_um - ROBOT_ORIGIN_UM[1]) / 1e3, 1.0])
-        x, y, w = self._mm_to_px(state) @ place
+        x, y, w = self._ground.board_to_px(self._stand(state), self._plant.board_pose) @ place
         return (float(x / w), float(y / w))
 
-    def _mm_to_px(self, state: Head) -> Matrix:
-        pose = self._plant.board_pose
-        width_mm, height_mm = self._board.size_mm
-        plane = board_plane(ROBOT_ORIGIN_UM, (width_mm, height_mm), pose)
-        centre_um = (ROBOT_ORIGIN_UM[0] + width_mm * 500.0, ROBOT_ORIGIN_UM[1] + height_mm * 500.0)
-        tip = (state.tip_x_um, state.tip_y_um)
-        tip_um = np.array([*tip, state.tip_height_um + surface_um(tip, centre_um, pose)])
-        flex_x, flex_y = self._flex_px(state)
-        shift = np.array([[1.0, 0.0, flex_x], [0.0, 1.0, flex_y], [0.0, 0.0, 1.0]])
-        return np.asarray(shift @ self.optics.homography(plane, tip_um, state.theta_deg))
+    def card_px(self, state: Head) -> tuple[float, float]:
+        """Return where the control point of the card as it really lies is in the picture, be it hidden or not."""
+        x, y, w = self._ground.card_to_px(self._stand(state), self._plant.card_pose)[:, 2]
+        return (float(x / w), float(y / w))
+
+    def _stand(self, state: Head) -> Stand:
+        tip_um = (state.tip_x_um, state.tip_y_um, state.tip_z_um)
+        return Stand(tip_um, state.theta_deg, self._flex_px(state))
 
     def _flex_px(self, state: Head) -> tuple[float, float]:
         """Return how far the mount has given way at this stop; none is drawn on the way."""
@@ -173,34 +167,23 @@ class Scene:
 
     def _picture(self, light: str, views: list[Head], weights: list[float]) -> Picture:
         if len(views) == 1:
-            picture = self._board_picture(light, views[0])
+            picture = self._ground_picture(light, views[0])
         else:
             total = sum(weights) or 1.0
             shape = (HEIGHT_PX, WIDTH_PX, 3) if light == "white" else (HEIGHT_PX, WIDTH_PX)
             mean = np.zeros(shape, dtype=np.float32)
             for state, weight in zip(views, weights, strict=True):
-                cv2.scaleAdd(self._board_picture(light, state).astype(np.float32), weight / total, mean, dst=mean)
+                cv2.scaleAdd(self._ground_picture(light, state).astype(np.float32), weight / total, mean, dst=mean)
             picture = np.round(mean).astype(np.uint8)
         self._lay_needle(light, picture)
         return picture
 
-    def _board_picture(self, light: str, state: Head) -> Picture:
-        to_px = self._mm_to_px(state) @ self._texel_to_mm
-        corners = np.array([[0, 0], [WIDTH_PX, 0], [WIDTH_PX, HEIGHT_PX], [0, HEIGHT_PX]], dtype=np.float64)
-        seen = cv2.perspectiveTransform(corners[None], np.linalg.inv(to_px))[0]
-        x0, y0 = np.maximum(np.floor(seen.min(axis=0)).astype(int) - 2, 0)
-        x1, y1 = np.minimum(np.ceil(seen.max(axis=0)).astype(int) + 3, (self._texture.width, self._texture.height))
-        if x1 - x0 < 4 or y1 - y0 < 4:
+    def _ground_picture(self, light: str, state: Head) -> Picture:
+        card = None if self._faults.on("card_gone") else self._plant.card_pose
+        covered = self._faults.on("card_covered")
+        both = self._ground.look(self._stand(state), self._plant.board_pose, card, covered=covered)
+        if both is None:
             return self._bench(light)
-        self._texture.ensure(int(x0), int(y0), int(x1), int(y1))
-        move = np.array([[1.0, 0.0, x0], [0.0, 1.0, y0], [0.0, 0.0, 1.0]])
-        both = cv2.warpPerspective(
-            self._texture.picture[y0:y1, x0:x1],
-            to_px @ move,
-            (WIDTH_PX, HEIGHT_PX),
-            flags=cv2.INTER_LINEAR,
-            borderValue=(*BENCH_WHITE, BENCH_RED),
-        )
         picture = cv2.cvtColor(both, cv2.COLOR_BGRA2BGR) if light == "white" else cv2.extractChannel(both, 3)
         return self._shadowed(light, np.asarray(picture, dtype=np.uint8), state)
 
@@ -214,13 +197,16 @@ class Scene:
         if self._faults.on("missing"):
             return picture
         step = round(min(max(state.tip_height_um, 0.0), 8_000.0) / _GAP_STEP_UM)
-        key = (light, step)
+        pressed = round(state.pressed_um / _GAP_STEP_UM)
+        key = (light, step, pressed)
         if key not in self._shadows:
             lamp = _WHITE_LAMP if light == "white" else _RED_LAMP
             if len(self._shadows) > 8:
                 self._shadows.clear()
             size = (800, 760)
-            self._shadows[key] = shadow(self.optics, self.needle, step * _GAP_STEP_UM, *lamp, size)
+            self._shadows[key] = shadow(
+                self.optics, self.needle, step * _GAP_STEP_UM, *lamp, size, pressed * _GAP_STEP_UM
+            )
         left = self._shadows[key]
         region = picture[: left.shape[0], : left.shape[1]]
         weights = left if picture.ndim == 2 else cv2.merge([left, left, left])
@@ -231,10 +217,9 @@ class Scene:
         if self._faults.on("missing"):
             self._needle_key = self._needle_picture = None
             return
-        bent_px = self._bent_px()
-        key = (*self._flex_px(state), bent_px)
+        key = (*self._flex_px(state), self._bent_px(), float(round(state.pressed_um)))
         if key != self._needle_key:
-            self._needle_picture = self.needle.draw(key[:2], bent_px)
+            self._needle_picture = self.needle.draw(key[:2], *key[2:])
             self._needle_key = key
 
     def _lay_needle(self, light: str, picture: Picture) -> None:

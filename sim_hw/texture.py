@@ -62,7 +62,7 @@ _KIND = _kinds()
 _COVERED_COPPER = np.where((np.arange(256) & (_COPPER | _OPEN)) == _COPPER, 255, 0).astype(np.uint8)
 
 
-def _periodic_noise(rng: np.random.Generator, scale_texels: float) -> npt.NDArray[np.float32]:
+def periodic_noise(rng: np.random.Generator, scale_texels: float) -> npt.NDArray[np.float32]:
     """Return a (TILE, TILE) field of mean 0 and variance 1 that continues at its borders."""
     white = rng.standard_normal((TILE, TILE), dtype=np.float32)
     frequency = np.fft.fftfreq(TILE)[:, None] ** 2 + np.fft.rfftfreq(TILE)[None, :] ** 2
@@ -98,7 +98,7 @@ class BoardTexture:
         self._boxes = [np.array([box for _, _, box in shapes]).reshape(-1, 4) for _, shapes in self._layers]
         self._palette = _palette()
         rng = np.random.default_rng(seed)
-        slow, medium, fine = (_periodic_noise(rng, scale) for scale in (170.0, 22.0, 2.5))
+        slow, medium, fine = (periodic_noise(rng, scale) for scale in (170.0, 22.0, 2.5))
         self._mask_look = np.clip(128 + 9 * slow + 5 * medium + 4 * fine, 90, 170).astype(np.uint8)
         specks = np.where(medium * fine > 4.2, 18.0, 0.0)
         self._pad_look = np.clip(128 + 5 * slow + 7 * medium + 5 * fine + specks, 80, 180).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""The truth log: where the tip really was against the pads' real centres. Nothing of it reaches the wires."""
+"""The truth log: where the tip really was against the real centres of pads and card; no wire carries it."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from typing import Any, Protocol
 from sim_hw.needle_bend import bend_um
 from sim_hw.plant import Plant
 
+#: Name of the control point of the card among the targets.
+CONTROL = "CONTROL"
 #: Targets farther from the tip than this are left out of a record.
 REACH_UM = 3000.0
 
@@ -33,23 +35,29 @@ class RoundTarget(Protocol):
 
 
 def truth_record(plant: Plant, targets: Iterable[RoundTarget], t_s: float) -> dict[str, Any]:
-    """Return what is true at a time: axes, tip, and tip minus pad centre for the targets around, nearest first."""
+    """Return what is true at a time: axes, tip, and tip minus centre for the targets around, nearest first.
+
+    The height in `tip_um` is that of the pin's end, 0 when it is pressed; `pressed_um` is how far it is pushed in.
+    """
     state = plant.state_at(t_s)
     tip_x_um, tip_y_um = state.tip_x_um, state.tip_y_um
     if plant.faults.on("bent"):
         bend_x_um, bend_y_um = bend_um(float(plant.faults.get("bent")["px"]), state.theta_deg)
         tip_x_um, tip_y_um = tip_x_um + bend_x_um, tip_y_um + bend_y_um
     near = []
-    for target in targets:
-        real_x_um, real_y_um = plant.to_real_um(target.x_mm, target.y_mm)
+    places = [(target.name, plant.to_real_um(target.x_mm, target.y_mm)) for target in targets]
+    if plant.card is not None:
+        places.append((CONTROL, plant.card.centre_um))
+    for name, (real_x_um, real_y_um) in places:
         dx_um, dy_um = tip_x_um - real_x_um, tip_y_um - real_y_um
         error_um = math.hypot(dx_um, dy_um)
         if error_um <= REACH_UM:
-            near.append({"name": target.name, "dx_um": dx_um, "dy_um": dy_um, "error_um": error_um})
+            near.append({"name": name, "dx_um": dx_um, "dy_um": dy_um, "error_um": error_um})
     return {
         "t_s": t_s,
         "axes": {"x_um": state.x_um, "y_um": state.y_um, "z_um": state.z_um, "theta_deg": state.theta_deg},
         "tip_um": [tip_x_um, tip_y_um, state.tip_height_um],
+        "pressed_um": state.pressed_um,
         "targets": sorted(near, key=lambda item: item["error_um"]),
     }
 
@@ -67,6 +75,7 @@ class TruthLog:
     def start(self, plant: Plant, facts: Mapping[str, Any]) -> None:
         """Append the first event: seed, knobs and what was drawn."""
         knobs = {"knobs": asdict(plant.knobs), "board_pose": asdict(plant.board_pose)}
+        knobs["card_pose"] = asdict(plant.card_pose)
         self.write("start", {"seed": plant.seed, **facts, **knobs})
 
     def close(self) -> None:

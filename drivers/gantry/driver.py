@@ -72,8 +72,12 @@ class Gantry:
         return place
 
     # ------------------------------------------------------------------ moves
-    async def move_to(self, target: Position, deadline: Deadline) -> Position:
+    async def move_to(
+        self, target: Position, deadline: Deadline, *, from_above: frozenset[str] = frozenset()
+    ) -> Position:
         """Move to an absolute place and give where the drives report to be.
+
+        X, Y and theta come to it from below; those in `from_above` from above, for whoever measures the play.
 
         Raises EnvelopeViolation or NotHomed before anything moves, MotionTimeout at the deadline, and what the
         axes raise. Cancellation stops all axes first.
@@ -84,7 +88,7 @@ class Gantry:
             if missing:
                 raise NotHomed(f"no reference on {', '.join(missing)}", device=_NAME)
             now = await self.position(deadline)
-            for leg in plan(now, place, self.config, self._ends):
+            for leg in plan(now, place, self.config, self._ends, from_above):
                 await self._run(leg, deadline)
             reached = await self.position(deadline)
             self._check_arrival(place, reached)

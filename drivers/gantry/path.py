@@ -19,13 +19,16 @@ class Ends:
     theta_deg: tuple[float, float]
 
 
-def plan(now: Position, target: Position, config: GantryConfig, ends: Ends) -> list[Leg]:
+def plan(
+    now: Position, target: Position, config: GantryConfig, ends: Ends, from_above: frozenset[str] = frozenset()
+) -> list[Leg]:
     """List the legs: retract, go across with a one-sided approach, lower. Theta is the axis coordinate in both.
 
-    A leg names only the axes that move. A pure Z move has no retract.
+    A leg names only the axes that move. A pure Z move has no retract. Axes in `from_above` (x, y, theta) come from
+    the other side.
     """
     legs: list[Leg] = []
-    across = _across(now, target, config, ends)
+    across = _across(now, target, config, ends, from_above)
     z_um = now.z_um
     if across and z_um < config.safe_z_um:
         z_um = config.safe_z_um
@@ -38,30 +41,30 @@ def plan(now: Position, target: Position, config: GantryConfig, ends: Ends) -> l
     return legs
 
 
-def _across(now: Position, target: Position, config: GantryConfig, ends: Ends) -> list[Leg]:
+def _across(now: Position, target: Position, config: GantryConfig, ends: Ends, from_above: frozenset[str]) -> list[Leg]:
     """Go to a point below the target in X, Y and theta, then up to it: always the same flank of the screw.
 
     An axis that is there already stays: it came from the right side when it came.
     """
     axes = {
-        "x": (now.x_um, target.x_um, config.same_place_um, config.backlash_um, ends.x_um[0]),
-        "y": (now.y_um, target.y_um, config.same_place_um, config.backlash_um, ends.y_um[0]),
+        "x": (now.x_um, target.x_um, config.same_place_um, config.backlash_um, ends.x_um),
+        "y": (now.y_um, target.y_um, config.same_place_um, config.backlash_um, ends.y_um),
         "theta": (
             now.theta_deg,
             target.theta_deg,
             config.same_place_deg,
             config.backlash_theta_deg,
-            ends.theta_deg[0],
+            ends.theta_deg,
         ),
     }
     aside: dict[str, float] = {}
     final: dict[str, float] = {}
-    for name, (here, to, same, backlash, low) in axes.items():
+    for name, (here, to, same, backlash, (low, high)) in axes.items():
         if abs(to - here) <= same:
             continue
         final[name] = to
-        before = max(to - backlash, low)
-        # From further below it comes from the right side anyway
-        if here > before:
+        before = min(to + backlash, high) if name in from_above else max(to - backlash, low)
+        # From further out on that side it comes from the right one anyway
+        if (here < before) if name in from_above else (here > before):
             aside[name] = before
     return [leg for leg in (aside, final) if leg]

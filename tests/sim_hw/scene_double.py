@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from sim_hw.board import Board
+from sim_hw.card import CardPose
 
 DEMO = Path(__file__).parents[2] / "sim_hw" / "demo_board"
 SHARED_BOARDS = Path(__file__).parents[3] / "shared" / "boards"
@@ -20,7 +21,9 @@ class FakeHead:
     theta_deg: float = 0.0
     tip_x_um: float = 0.0
     tip_y_um: float = 0.0
+    tip_z_um: float = 200.0
     tip_height_um: float = 200.0
+    pressed_um: float = 0.0
     white: float = 1.0
     red: float = 0.0
     moving: bool = False
@@ -50,6 +53,7 @@ class FakeKnobs:
 class FakePlant:
     head: FakeHead = field(default_factory=FakeHead)
     board_pose: FakePose = field(default_factory=FakePose)
+    card_pose: CardPose = field(default_factory=CardPose)
     knobs: FakeKnobs = field(default_factory=FakeKnobs)
     motion: Callable[[float, FakeHead], FakeHead] | None = None
 

@@ -296,3 +296,19 @@ async def test_the_loop_stays_free_while_a_frame_is_drawn(rig: Rig) -> None:
             await client.ask("retrieve")
             beating.cancel()
     assert beats > 5
+
+
+async def test_a_mirrored_camera_delivers_its_frames_flipped_left_to_right(tmp_path: Path) -> None:
+    rig = Rig(tmp_path, HandClock())
+    async with rig.running() as (client,):
+        await client.ask("open", encoding="bgr8", buffers=2)
+        rig.clock.t_s = 1.0
+        _, plain = await client.frame()
+        rig.faults.switch("mirrored", on=True)
+        _, mirrored = await client.ask("retrieve")
+        rig.faults.switch("mirrored", on=False)
+        _, healed = await client.ask("retrieve")
+    frames = [np.frombuffer(pixels, dtype=np.uint8).reshape(1200, 1600, 3) for pixels in (plain, mirrored, healed)]
+    assert not np.array_equal(frames[0], frames[1])
+    assert np.array_equal(frames[0], frames[1][:, ::-1])
+    assert np.array_equal(frames[0], frames[2])

@@ -27,6 +27,8 @@ def test_a_fault_has_defaults_takes_parameters_and_goes_off() -> None:
         ("late_replies", {"delay_s": "long"}, "of type float"),
         ("absent_slave", {"address": 1.5}, "of type int"),
         ("frozen", {"count": 0}, "above zero"),
+        ("slip", {"axis": "z"}, "must be one of x, y, not 'z'"),
+        ("slip", {"um": "far"}, "of type float"),
     ],
 )
 def test_a_fault_that_does_not_fit_is_refused(name: str, parameters: dict[str, object], says: str) -> None:
@@ -40,6 +42,14 @@ def test_a_counted_fault_clears_itself_and_tells() -> None:
     faults.switch("torn", on=True, count=2)
     assert [faults.use("torn") for _ in range(3)] == [True, True, False]
     assert told == [("torn", True), ("torn", False)]
+
+
+def test_it_is_counted_how_often_a_fault_was_switched_on() -> None:
+    faults = Faults()
+    for on in (True, True, False, True):
+        faults.switch("slip", on=on)
+    assert faults.times("slip") == 3
+    assert faults.times("stall") == 0
 
 
 def test_a_fault_hits_one_axis_or_all() -> None:

@@ -143,6 +143,21 @@ def test_lights_and_faults_reach_the_log(station: Running) -> None:
     assert station.bench(cmd="faults")["faults"]["frozen"] == {"on": False}
 
 
+def test_the_bench_moves_the_card_and_makes_an_axis_slip(station: Running) -> None:
+    for name, value in (("card_dx_um", 1500.0), ("card_dy_um", -700.0)):
+        assert station.bench(cmd="set", name=name, value=value) == {"ok": True}
+    before = station.bench(cmd="truth")
+    settled = len([item for item in station.events() if item["event"] == "settled"])
+    assert station.bench(cmd="fault", name="slip", on=True, axis="y", um=-90.0) == {"ok": True}
+    assert station.bench(cmd="fault", name="slip", on=False) == {"ok": True}
+    after = station.bench(cmd="truth")
+    assert after["axes"]["y_um"] - before["axes"]["y_um"] == pytest.approx(-90.0)
+    assert after["axes"]["x_um"] == before["axes"]["x_um"]
+    assert after["pressed_um"] == 0.0
+    assert station.wait_for("settled", settled + 1)[-1]["axes"]["y_um"] == pytest.approx(after["axes"]["y_um"])
+    assert station.bench(cmd="fault", name="slip", on=True, axis="z")["ok"] is False
+
+
 def test_the_bench_turns_knobs_and_power(station: Running) -> None:
     assert station.bench(cmd="set", name="board_dx_um", value=50.0) == {"ok": True}
     station.write(4, 0x2400, 0x20, struct.pack("<i", 7))

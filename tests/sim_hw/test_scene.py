@@ -8,6 +8,7 @@ from sim_hw.board import Board, Target, load_board
 from sim_hw.faults import Faults
 from sim_hw.render import Picture
 from sim_hw.scene import Scene, Shot, watch
+from tests.sim_hw.pinhole import pinhole_px
 from tests.sim_hw.scene_double import DEMO, FakeKnobs, FakePlant, FakePose
 
 Point = npt.NDArray[np.float64]
@@ -57,27 +58,7 @@ def _centroid(frame: Picture, about: Point, reach: int) -> Point:
 
 
 def _pinhole(plant: FakePlant, board: Board, target: Target) -> Point:
-    """Project a pad's centre without the code under test: angles and lengths from the station's description."""
-    tip, direction = np.array([428.0, 620.0]), np.array([119.0, 232.0]) / np.hypot(119.0, 232.0)
-    centre, focal, tilt = np.array([799.5, 599.5]), 5000.0, np.radians(30.0)
-    # all verticals meet below the picture, on the needle's line, focal * tan(tilt) from the principal point
-    steps = np.linspace(0.0, 6000.0, 600_001)
-    away = np.hypot(*(tip[:, None] + direction[:, None] * steps - centre[:, None])) - focal * np.tan(tilt)
-    nadir = tip + direction * steps[int(np.argmin(np.abs(away)))]
-    down = (nadir - centre) / np.linalg.norm(nadir - centre)
-    bearing = np.arctan2(-down[1], down[0])  # the camera looks from this side, y up
-    eye = np.array([np.cos(bearing), np.sin(bearing), 0.0])
-    axis = -np.sin(tilt) * eye - np.cos(tilt) * np.array([0.0, 0.0, 1.0])
-    far = -np.cos(tilt) * eye + np.sin(tilt) * np.array([0.0, 0.0, 1.0])
-    side = np.cross(axis, far)
-    c, s = np.cos(np.radians(-plant.head.theta_deg)), np.sin(np.radians(-plant.head.theta_deg))
-    x_um, y_um = board.nominal_um(target.x_mm, target.y_mm)
-    dx, dy = x_um - plant.head.tip_x_um, y_um - plant.head.tip_y_um
-    place = np.array([c * dx - s * dy, s * dx + c * dy, -plant.head.tip_height_um])
-    ray = np.array([*(tip - centre) / focal, 1.0]) * 60_000.0
-    up, right = -down, np.array([down[1], -down[0]])  # image directions of `far` and `side`
-    u, v, depth = ray[:2] @ right + place @ side, ray[:2] @ up + place @ far, ray[2] + place @ axis
-    return centre + focal * (u * right + v * up) / depth
+    return pinhole_px(plant.head, (*board.nominal_um(target.x_mm, target.y_mm), 0.0))
 
 
 @pytest.mark.parametrize("light", ["white", "red"])
@@ -115,7 +96,7 @@ def test_a_higher_board_is_a_shifted_picture(bench: Bench) -> None:
     bench.plant.aim(bench.board, "TP1", dx_um=-1500.0, dy_um=1200.0)
     low = _centroid(bench.shoot(), bench.where("TP1"), 12)
     bench.plant.board_pose = FakePose(dz_um=100.0)
-    bench.plant.head = replace(bench.plant.head, tip_height_um=100.0)  # the same Z, the surface 100 um nearer
+    bench.plant.head = replace(bench.plant.head, tip_height_um=100.0)  # the surface 100 um nearer to the same tip
     high = _centroid(bench.shoot(), bench.where("TP1"), 12)
     assert float((low - high) @ (0.456, 0.890)) == pytest.approx(4.1, abs=0.5)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sim_hw.board import ROBOT_ORIGIN_UM
-from sim_hw.optics import board_plane, surface_um
+from sim_hw.optics import board_plane
 from sim_hw.pose import ORIGIN_UM
 from tests.sim_hw.rig import make_plant
 
@@ -19,4 +19,3 @@ def test_both_halves_put_the_board_in_the_same_place() -> None:
         place_um = plant.to_real_um(x_mm, y_mm)
         assert (x_um, y_um) == pytest.approx(place_um, abs=1e-6)
         assert z_um == pytest.approx(pose.height_um(place_um, centre_um), abs=1e-3)
-        assert surface_um(place_um, centre_um, pose) == pytest.approx(pose.height_um(place_um, centre_um))

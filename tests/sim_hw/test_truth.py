@@ -63,4 +63,4 @@ def test_the_log_is_one_json_object_a_line_and_is_readable_at_once(tmp_path: Pat
     log.close()
     assert (start["event"], start["seed"], start["knobs"]["x_backlash_um"]) == ("start", 4, 15.0)
     assert start["board_pose"]["dx_um"] == pytest.approx(plant.board_pose.dx_um, abs=1e-6)
-    assert set(settled) == {"event", "t_s", "axes", "tip_um", "targets"}
+    assert set(settled) == {"event", "t_s", "axes", "tip_um", "pressed_um", "targets"}
