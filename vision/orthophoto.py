@@ -2,7 +2,8 @@
 
 The thesis regenerates it "using a 2D rigid transformation" (eq. 3.23). That cannot be: a rigid transformation keeps the
 perspective of an oblique view. What removes it is the homography of the plane, `K (r1 r2 r3 z + t)` from eq. 3.24.
-Eq. 3.23 is what remains to be found afterwards, when the orthophoto is laid on a board that lies shifted and turned.
+Eq. 3.23 is what remains to be found afterwards, when the orthophoto is laid on a board that lies shifted and turned:
+`similarity`.
 """
 
 from __future__ import annotations
@@ -100,57 +101,3 @@ def make_orthophoto(
 def _warp(plane: NDArray[np.uint8], to_source: Array, size: tuple[int, int]) -> NDArray[np.uint8]:
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     return np.asarray(cv2.warpPerspective(plane, to_source, size, flags=flags), dtype=np.uint8)
-
-
-@dataclass(frozen=True)
-class Similarity2:
-    """A turn, a scale and a shift of the plane: `x' = c x - s y + tx, y' = s x + c y + ty` (eq. 3.23).
-
-    rms: root mean square of the distances that the fit left, in the unit of the targets.
-    """
-
-    c: float
-    s: float
-    tx: float
-    ty: float
-    rms: float
-
-    @property
-    def theta_deg(self) -> float:
-        """Return the turn, counter-clockwise where y points up."""
-        return math.degrees(math.atan2(self.s, self.c))
-
-    @property
-    def scale(self) -> float:
-        """Return the factor of lengths; 1 for a rigid transformation."""
-        return math.hypot(self.c, self.s)
-
-    def apply(self, points: ArrayLike) -> Array:
-        """Map points, (2,) or (N, 2)."""
-        p = check_points(points, "points", 2)
-        return np.asarray(p @ [[self.c, self.s], [-self.s, self.c]] + (self.tx, self.ty))
-
-
-def fit_similarity(points: ArrayLike, targets: ArrayLike) -> Similarity2:
-    """Fit eq. 3.23 (A x = b for c, s, tx, ty) to pairs, (N, 2) each; least squares, no outlier rejection.
-
-    c and s are free in eq. 3.23, so it finds a scale as well; a scale that is not 1 between two um frames says that one
-    of them is wrong. Both frames must have the same handedness. Raises ValueError if the arrays do not pair up, are not
-    finite, or are fewer than two different points.
-    """
-    a, b = check_points(points, "points", 2), check_points(targets, "targets", 2)
-    if a.ndim != 2 or a.shape != b.shape or len(a) < 2:
-        raise ValueError(f"points and targets must be two or more pairs, shape (N, 2), got {a.shape} and {b.shape}")
-    with np.errstate(over="ignore", invalid="ignore"):
-        mean = a.mean(axis=0)
-        x, y = (a - mean).T
-        spread = float(np.hypot(x, y).max())
-        if not 1e-9 < spread < 1e100 or not np.abs(b).max() < 1e100:
-            raise ValueError("points must differ, and no coordinate may be beyond all bounds")
-        one, zero = np.ones_like(x), np.zeros_like(x)
-        system = np.vstack([np.column_stack([x, -y, one, zero]), np.column_stack([y, x, zero, one])])
-        c, s, tx, ty = np.linalg.lstsq(system / (spread, spread, 1, 1), b.T.ravel(), rcond=None)[0]
-    c, s = float(c / spread), float(s / spread)
-    found = Similarity2(c, s, float(tx - c * mean[0] + s * mean[1]), float(ty - s * mean[0] - c * mean[1]), 0.0)
-    rms = float(np.sqrt(((found.apply(a) - b) ** 2).sum(axis=1).mean()))
-    return Similarity2(c, s, found.tx, found.ty, rms)

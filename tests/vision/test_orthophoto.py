@@ -9,8 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vision.frames import rotation
-from vision.orthophoto import Orthophoto, fit_similarity, make_orthophoto, plane_homography
+from vision.orthophoto import Orthophoto, make_orthophoto, plane_homography
 from vision.projection import Extrinsics, Intrinsics, back_project, project
+from vision.similarity import fit_similarity
 
 CALM = settings(max_examples=100, deadline=None, derandomize=True)
 CAMERA = Intrinsics(1400.0, 1390.0, 399.5, 299.5)
