@@ -36,6 +36,11 @@ class BoardPoint(Wire):
     """Why it must not be touched; None when it may."""
 
     @property
+    def place_um(self) -> tuple[float, float]:
+        """Where it is on the board."""
+        return self.x_um, self.y_um
+
+    @property
     def probeable(self) -> bool:
         """Whether the needle may touch it."""
         return self.why_not is None

@@ -81,17 +81,36 @@ class Client:
         return socket
 
 
-def listen(endpoint: str = DEFAULT_EVENTS, topics: tuple[str, ...] = ("",)) -> Iterator[dict[str, Any]]:
-    """Yield events for ever; each carries topic, seq, time and station."""
-    context = zmq.Context()
-    socket = context.socket(zmq.SUB)
-    try:
+class Subscription:
+    """Hear events from now on; each carries topic, seq, time and station."""
+
+    def __init__(self, endpoint: str = DEFAULT_EVENTS, topics: tuple[str, ...] = ("",)) -> None:
+        self._context = zmq.Context()
+        self._socket = self._context.socket(zmq.SUB)
         for topic in topics:
-            socket.subscribe(topic)
-        socket.connect(endpoint)
-        while True:
-            _, body = socket.recv_multipart()
-            yield json.loads(body)
-    finally:
-        socket.close(linger=0)
-        context.term()
+            self._socket.subscribe(topic)
+        self._socket.connect(endpoint)
+
+    def __enter__(self) -> Self:
+        """Use it in a with statement."""
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+        """Stop listening."""
+        self._socket.close(linger=0)
+        self._context.term()
+
+    def next(self, within_s: float | None = None) -> dict[str, Any] | None:
+        """Return the next event, or None if none comes in time."""
+        if within_s is not None and not self._socket.poll(int(within_s * 1e3)):
+            return None
+        _, body = self._socket.recv_multipart()
+        event: dict[str, Any] = json.loads(body)
+        return event
+
+
+def listen(endpoint: str = DEFAULT_EVENTS, topics: tuple[str, ...] = ("",)) -> Iterator[dict[str, Any]]:
+    """Yield events for ever."""
+    with Subscription(endpoint, topics) as heard:
+        while (event := heard.next()) is not None:
+            yield event

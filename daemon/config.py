@@ -12,7 +12,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from vision.frames import HeadModel, Rigid2
+from vision.frames import Rigid2
+from vision.head import CircleHead
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -115,6 +116,12 @@ class GantrySection(Section):
     safe_z_um: Finite = Field(description="height at which the head may move sideways")
     work_z_um: Finite = Field(description="height of every look; the map is calibrated for it")
     touch_z_um: Finite = Field(description="height at which the tip touches the board")
+    press_um: float = Field(
+        default=0.0,
+        ge=0,
+        le=500,
+        description="how far below touch_z_um a surface may be pressed to measure it; 0: never",
+    )
     approach_um: NotNegative = Field(default=200.0, description="overshoot for the one-sided approach")
     approach_deg: NotNegative = Field(default=0.5, description="the same for the head's angle")
     settle_ms: NotNegative = Field(default=60.0, description="vibration after a move dies out within this")
@@ -178,12 +185,25 @@ class CameraSection(Section):
 class HeadSection(Section):
     """Where the tip is from the head's position: a circle round the axis of rotation."""
 
-    radius_um: NotNegative
+    radius_um: Positive
     phase_deg: Finite
 
-    def model(self) -> HeadModel:
-        """Return it as the head model of vision."""
-        return HeadModel(self.radius_um, self.phase_deg)
+    def model(self) -> CircleHead:
+        """Return it as a head without run-out."""
+        return CircleHead(self.radius_um, self.phase_deg)
+
+
+class ControlPointSection(Section):
+    """The printed four-arm cross beside the board (thesis appendix C) on which the head's rotation is calibrated."""
+
+    x_um: Finite = Field(description="its centre in the robot frame, within servo.max_placement_um")
+    y_um: Finite
+    arm_um: float = Field(default=720.0, ge=200, le=5000, description="length of an arm from the centre")
+
+    @property
+    def place_um(self) -> tuple[float, float]:
+        """Where it is."""
+        return self.x_um, self.y_um
 
 
 class BoardSection(Section):
@@ -211,6 +231,7 @@ class ServoSection(Section):
     match_um: Positive = Field(default=120.0, description="a pad seen and one of CAD's agree within this")
     calibration_days: Positive = Field(default=30.0, description="a map older than this is not used")
     job_timeout_s: Positive = Field(default=60.0, description="deadline of a job that brings none")
+    calibration_timeout_s: Positive = Field(default=3600.0, description="the same for calibrations and alignments")
 
 
 class ApiSection(Section):
@@ -241,6 +262,7 @@ class Config(Section):
     camera: CameraSection
     head: HeadSection
     board: BoardSection
+    control_point: ControlPointSection | None = None
     servo: ServoSection = ServoSection()
     api: ApiSection = ApiSection()
 
@@ -253,8 +275,9 @@ class Config(Section):
         if self.lights.kind == "modbus" and self.lights.bus not in self.bus:
             raise ValueError(f"lights.bus names {self.lights.bus!r}, which is not under [bus]")
         z = self.axes.z
-        for name in ("safe_z_um", "work_z_um", "touch_z_um"):
-            height = getattr(self.gantry, name)
+        heights = {name: getattr(self.gantry, name) for name in ("safe_z_um", "work_z_um", "touch_z_um")}
+        heights["touch_z_um - press_um"] = self.gantry.touch_z_um - self.gantry.press_um
+        for name, height in heights.items():
             if not z.minimum <= height <= z.maximum:
                 raise ValueError(f"gantry.{name} = {height} lies outside axes.z {z.minimum}..{z.maximum}")
         return self

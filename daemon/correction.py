@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from daemon.board import BoardPoint
 from daemon.faults import Fault, Kind
 from daemon.job import Bench, Job, Outcome
@@ -72,7 +74,7 @@ def sidestep_um(bench: Bench, point: BoardPoint, pose_map: PoseMap, theta_deg: f
     radius_px = point.diameter_um / 2 * pose_map.scale_px_per_um(probe.tip_px)
     clear_px = probe.shape.cylinder_half_px / 2 + radius_px + SIDESTEP_MARGIN_PX
     across = (-math.sin(probe.angle_rad) * clear_px, math.cos(probe.angle_rad) * clear_px)
-    below = (probe.tip_px[0] + pose_map.below_tip_px[0], probe.tip_px[1] + pose_map.below_tip_px[1])
+    below = np.add(probe.tip_px, pose_map.below_tip_px)
     # The scene moves against the head.
     dx, dy = -pose_map.from_tip_um((below[0] + across[0], below[1] + across[1]), probe.tip_px, theta_deg)
     return float(dx), float(dy)
@@ -86,8 +88,8 @@ async def admit(job: Job, bench: Bench, request: Correct) -> tuple[BoardPoint, P
     bench.calibrations.require_probe()
     pose_map = bench.calibrations.require_map(bench.config.servo.calibration_days, bench.config.gantry.work_z_um)
     position = await bench.station.position(job.watch, job.deadline)
-    bench.station.check(bench.station.position_over(point.x_um, point.y_um, position.theta_deg))
-    away_um = math.hypot(*bench.station.tip_from(point.x_um, point.y_um, position))
+    bench.station.check(bench.geometry.position_over(point.place_um, position.theta_deg))
+    away_um = math.hypot(*bench.geometry.from_tip_um(point.place_um, position))
     if away_um > bench.config.servo.max_placement_um:
         raise Fault(
             Kind.NOT_AT_TEST_POINT,

@@ -37,9 +37,9 @@ async def place(job: Job, bench: Bench) -> Outcome:
     if not isinstance(request, Place):
         raise TypeError(request)
     job.partial.test_point = request.test_point
-    x_um, y_um = _place_of(request, bench)
+    place_um = _place_of(request, bench)
     await bench.station.require_homed(job.watch, job.deadline)
-    target = bench.station.position_over(x_um, y_um, request.theta_deg)
+    target = bench.geometry.position_over(place_um, request.theta_deg)
     bench.station.check(target)
     job.fire(Event.ACCEPTED)
     job.fire(Event.SEEN)
@@ -96,8 +96,7 @@ def _place_of(request: Place, bench: Bench) -> tuple[float, float]:
     """Return the place asked for, board frame, um. Fiducials may be looked at, though never touched."""
     if request.board_um is not None:
         return request.board_um
-    point = bench.board.find(request.test_point or "")
-    return point.x_um, point.y_um
+    return bench.board.find(request.test_point or "").place_um
 
 
 def _numbers(position: Position) -> dict[str, float]:

@@ -11,7 +11,7 @@ import zmq
 from daemon.clock import utc_now
 from daemon.journal import Journal
 
-Topic = Literal["state", "result", "alert", "heartbeat", "log"]
+Topic = Literal["state", "result", "alert", "heartbeat", "progress", "log"]
 VERSION = 1
 SEND_QUEUE = 1000
 """Events kept for a subscriber that is slow; beyond these it loses events, never the daemon."""

@@ -11,6 +11,7 @@ from daemon.board import Board
 from daemon.calibrations import Calibrations
 from daemon.clock import Stopwatch
 from daemon.config import Config
+from daemon.geometry import Geometry
 from daemon.messages import AnyJob
 from daemon.states import Event, State
 from daemon.station import Look, Station
@@ -36,6 +37,7 @@ class Bench:
     station: Station
     board: Board
     calibrations: Calibrations
+    geometry: Geometry
 
 
 class Job:
@@ -47,6 +49,7 @@ class Job:
         deadline: Deadline,
         fire: Callable[[Event], State],
         keep_step: Callable[[str, dict[str, Any]], Coroutine[Any, Any, None]],
+        tell_progress: Callable[[int, int, str], None],
     ) -> None:
         self.request = request
         self.deadline = deadline
@@ -58,6 +61,8 @@ class Job:
         self.moves = 0
         self.partial = Outcome("failed")
         """What is known even if the job fails half-way."""
+        self.progress = tell_progress
+        """Called with (done, total, what is being done) by jobs that take long."""
         self._keep_step = keep_step
         self._steps: set[asyncio.Task[None]] = set()
 

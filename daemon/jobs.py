@@ -14,8 +14,10 @@ from typing import Any
 
 import structlog
 
-from daemon.calibration import calibrate
+from daemon.alignment import align
+from daemon.calibration.jobs import calibrate
 from daemon.clock import due_at_s, utc_now
+from daemon.config import ServoSection
 from daemon.correction import correct
 from daemon.errands import home, look, place
 from daemon.events import Events
@@ -32,9 +34,12 @@ ERRANDS: Mapping[str, Errand] = {
     "correct": correct,
     "place": place,
     "look": look,
+    "align": align,
     "calibrate": calibrate,
     "home": home,
 }
+LENGTHY = frozenset({"calibrate", "align"})
+"""Jobs of minutes, whose deadline is another one where the request brings none."""
 DARK_WITHIN_S = 2.0
 log = structlog.get_logger(__name__)
 
@@ -55,15 +60,17 @@ class Jobs:
     """Take requests, run them one after the other, remember their results."""
 
     def __init__(self, machine: Machine, journal: Journal, events: Events, pictures: Pictures, station: str,
-                 job_timeout_s: float, queue_length: int) -> None:  # fmt: skip
+                 servo: ServoSection, queue_length: int) -> None:  # fmt: skip
         self._machine, self._journal, self._events, self._pictures = machine, journal, events, pictures
-        self._station, self._job_timeout_s, self._queue_length = station, job_timeout_s, queue_length
+        self._station, self._servo, self._queue_length = station, servo, queue_length
         self._waiting: asyncio.Queue[_Ticket] = asyncio.Queue()
         self._open: dict[str, _Ticket] = {}
         self._running: _Ticket | None = None
         self.bench: Bench | None = None
         self.fault: Fault | None = None
         """The first cause of the present fault; later refusals name it."""
+        self.progress: dict[str, Any] | None = None
+        """How far the running job says it is, if it says so."""
 
     # --- taking ----------------------------------------------------------------------------------------------
 
@@ -74,10 +81,13 @@ class Jobs:
         if known is not None:
             return known
         self._refuse_in_fault(request)
-        due_s = due_at_s(request.deadline_ms, self._job_timeout_s)
+        lengthy = request.op in LENGTHY
+        due_s = due_at_s(
+            request.deadline_ms, self._servo.calibration_timeout_s if lengthy else self._servo.job_timeout_s
+        )
         if len(self._open) >= self._queue_length + 1:
             raise Fault(Kind.BUSY, f"{len(self._open)} jobs are open", limit=self._queue_length)
-        if self.bench is not None and request.op in ("correct", "place", "look", "calibrate"):
+        if self.bench is not None:
             self._refuse_unknown_point(request, self.bench)
         ticket = _Ticket(request, canonical, due_s, asyncio.get_running_loop().create_future())
         self._open[request.id] = ticket
@@ -127,6 +137,8 @@ class Jobs:
         name = getattr(request, "test_point", None)
         if name is not None:
             (bench.board.point if request.op == "correct" else bench.board.find)(name)
+        for fiducial in getattr(request, "fiducials", None) or ():
+            bench.board.find(fiducial)
 
     # --- running ---------------------------------------------------------------------------------------------
 
@@ -145,7 +157,9 @@ class Jobs:
         """Run one job and tell everybody how it ended."""
         self._running = ticket
         request = ticket.request
-        job = Job(request, Deadline(ticket.due_s), self._machine.fire, self._keep_step(request.id))
+        self.progress = None
+        keep_step, tell = self._keep_step(request.id), self._tell_progress(request)
+        job = Job(request, Deadline(ticket.due_s), self._machine.fire, keep_step, tell)
         with structlog.contextvars.bound_contextvars(job=request.id, op=request.op):
             try:
                 outcome, fault = await self._outcome(ticket, job), None
@@ -309,6 +323,13 @@ class Jobs:
             return self._journal.add_step(job_id, kind, body)
 
         return keep
+
+    def _tell_progress(self, request: AnyJob) -> Callable[[int, int, str], None]:
+        def tell(done: int, total: int, doing: str) -> None:
+            self.progress = {"done": done, "total": total, "doing": doing}
+            self._events.publish("progress", {"job": request.id, "op": request.op, **self.progress})
+
+        return tell
 
     # --- steering --------------------------------------------------------------------------------------------
 

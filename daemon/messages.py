@@ -78,21 +78,44 @@ class Look(JobRequest):
 
 
 class Calibrate(JobRequest):
-    """Teach the probe tip (`tip`), or the map from image to robot (`map`) on a round target of the board."""
+    """Teach the probe's tip, or measure the map, the head's rotation, the surface's plane, or the axes' play."""
 
     op: Literal["calibrate"]
-    what: Literal["tip", "map"]
+    what: Literal["tip", "map", "rotation", "surface", "backlash"]
     tip_px: tuple[Px, Px] | None = Field(default=None, description="tip: where the needle's end is in the picture")
-    test_point: Name | None = Field(default=None, description="map: the round target to look at")
-    theta_deg: float = Field(default=0.0, ge=0.0, lt=360.0, allow_inf_nan=False, description="map: head angle")
+    test_point: Name | None = Field(
+        default=None, description="map, backlash: the round target to look at; none: the control point"
+    )
+    theta_deg: float = Field(
+        default=0.0, ge=0.0, lt=360.0, allow_inf_nan=False, description="map, surface, backlash: head angle"
+    )
+    angles: int | None = Field(default=None, ge=6, le=1000, description="rotation: so many angles, evenly spread")
+    every_deg: float | None = Field(
+        default=None, ge=0.5, le=45.0, allow_inf_nan=False, description="rotation: instead, an angle at every so many"
+    )
+    model: Literal["auto", "fourier", "array", "circle"] = Field(default="auto", description="rotation: what to fit")
+    resume: bool = Field(default=True, description="rotation: go on where an interrupted run ended")
+    places: int = Field(default=12, ge=4, le=200, description="surface: how many places to touch")
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
         if self.what == "tip" and self.tip_px is None:
             raise ValueError("what=tip needs tip_px")
-        if self.what == "map" and self.test_point is None:
-            raise ValueError("what=map needs test_point")
+        if self.angles is not None and self.every_deg is not None:
+            raise ValueError("give either angles or every_deg")
         return self
+
+
+class Align(JobRequest):
+    """See where the board lies: look at three or more fiducials and store the board's pose."""
+
+    op: Literal["align"]
+    fiducials: tuple[Name, ...] | None = Field(
+        default=None, min_length=3, max_length=50, description="round targets; none: the board's fiducials"
+    )
+    thetas_deg: tuple[Annotated[float, Field(ge=0.0, lt=360.0, allow_inf_nan=False)], ...] = Field(
+        default=(0.0, 180.0), min_length=1, max_length=8, description="head angles from which each is looked at"
+    )
 
 
 class Home(JobRequest):
@@ -156,14 +179,15 @@ class Describe(Request):
     op: Literal["describe"]
 
 
-AnyJob = Correct | Place | Look | Calibrate | Home
+AnyJob = Correct | Place | Look | Align | Calibrate | Home
 AnyRequest = AnyJob | Cancel | Reset | Status | Snapshot | Result | Results | Report | Describe
 
 REQUESTS: TypeAdapter[AnyRequest] = TypeAdapter(Annotated[AnyRequest, Field(discriminator="op")])
 OPS: tuple[str, ...] = tuple(
     model.model_fields["op"].annotation.__args__[0]  # type: ignore[union-attr]  # a Literal of one string
     for model in (
-        Correct, Place, Look, Calibrate, Home, Cancel, Reset, Status, Snapshot, Result, Results, Report, Describe,
+        Correct, Place, Look, Align, Calibrate, Home, Cancel, Reset, Status, Snapshot, Result, Results, Report,
+        Describe,
     )
 )  # fmt: skip
 
@@ -199,7 +223,9 @@ class JobResult(Wire):
     seq: int = Field(description="number of the `result` event that carried it")
     station: str
     finished_at: str = Field(description="UTC, ISO 8601")
-    outcome: str = Field(description="corrected, already_on_target, placed, looked, calibrated, homed or failed")
+    outcome: str = Field(
+        description="corrected, already_on_target, placed, looked, aligned, calibrated, homed or failed"
+    )
     test_point: str | None = None
     error_before_um: float | None = None
     error_after_um: float | None = None

@@ -14,6 +14,7 @@ from daemon.jobs import Jobs
 from daemon.journal import Journal
 from daemon.messages import (
     OPS,
+    Align,
     AnyJob,
     AnyRequest,
     Calibrate,
@@ -59,7 +60,7 @@ class Ops:
     async def handle(self, request: AnyRequest) -> dict[str, Any]:
         """Return the reply's fields, or raise `Fault`."""
         match request:
-            case Correct() | Place() | Look() | Calibrate() | Home():
+            case Correct() | Place() | Look() | Align() | Calibrate() | Home():
                 return await self._job(request)
             case Status():
                 return self._status()
@@ -108,9 +109,15 @@ class Ops:
             "station": service.config.station.name,
             "state": service.machine.state.value,
             "fault": ErrorBody.of(jobs.fault).model_dump(mode="json") if jobs.fault else None,
-            "running": {"id": running.id, "op": running.op} if running else None,
+            "running": {"id": running.id, "op": running.op, "progress": jobs.progress} if running else None,
             "queued": jobs.queued,
-            "calibration": {"tip": calibrations.probe is not None, "map_made_at": calibrations.mapped_at},
+            "calibration": {
+                "tip": calibrations.probe is not None,
+                "map_made_at": calibrations.mapped_at,
+                "made_at": calibrations.made_at(),
+                "aligned": calibrations.alignment(service.board) is not None,
+                "not_used": calibrations.problems,
+            },
             "pictures": service.pictures.full or "kept",
         }
 

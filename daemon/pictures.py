@@ -18,7 +18,7 @@ from daemon.messages import AnyJob, JobResult, Look
 from daemon.station import Look as Seen
 from drivers.camera.contract import Pixels
 from vision import Tip
-from vision.annotate import draw_test_points, draw_tip
+from vision.annotate import draw_control_point, draw_test_points, draw_tip
 
 log = structlog.get_logger(__name__)
 JPEG_QUALITY = 92
@@ -75,12 +75,15 @@ class Pictures:
 
 
 def _sheets(look: Seen) -> Iterator[tuple[str, Pixels]]:
-    """Yield what a look leaves: both frames as they were, and what was made of them."""
+    """Yield what a look leaves: the frames as they were, and what was made of them."""
     yield "white", look.white.pixels
-    yield "red", look.red.pixels
+    if look.red is not None:
+        yield "red", look.red.pixels
     if look.tip is not None:
         yield "tip", draw_tip(look.white.pixels, look.tip, near_px=look.expected_tip_px)
-    if isinstance(look.tip, Tip) and look.seen is not None:
+    if isinstance(look.tip, Tip) and look.cross is not None:
+        yield "cross", draw_control_point(look.white.pixels, look.cross, (look.tip.x_px, look.tip.y_px))
+    if isinstance(look.tip, Tip) and look.red is not None and look.seen is not None:
         at = look.tip.x_px, look.tip.y_px
         yield "pads", draw_test_points(look.red.pixels, look.seen, at, needle=look.tip)
 

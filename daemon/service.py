@@ -22,6 +22,7 @@ from daemon.clock import utc_now
 from daemon.config import Config
 from daemon.events import Events
 from daemon.faults import Fault, Kind
+from daemon.geometry import Geometry
 from daemon.hardware import Hardware, open_hardware
 from daemon.job import Bench
 from daemon.jobs import Jobs
@@ -77,7 +78,7 @@ class Service:
             )
             self.jobs = Jobs(
                 self.machine, self._journal, self._events, self.pictures, config.station.name,
-                config.servo.job_timeout_s, config.api.queue_length,
+                config.servo, config.api.queue_length,
             )  # fmt: skip
             answer = Ops(self, self._journal).handle
             control = ControlSocket(context, config.api.control, config.api.max_message_bytes, self.version, answer)
@@ -145,8 +146,9 @@ class Service:
         if self._hardware is None:
             self.calibrations.load()
             self._hardware = await open_hardware(self.config, deadline)
+            geometry = Geometry(self.config, self.board, self.calibrations)
             station = Station(self.config, self._hardware)
-            self.jobs.bench = Bench(self.config, station, self.board, self.calibrations)
+            self.jobs.bench = Bench(self.config, station, self.board, self.calibrations, geometry)
             log.info("station_open", camera=dict(self._hardware.camera.settings()))
         else:
             await self._hardware.recover(deadline, reference_lost=lost)

@@ -15,7 +15,7 @@ from daemon.station import Look, Search
 from drivers.gantry import Position
 from vision import NotFound, Reason, TestPoint, Tip
 from vision.constellation import Match, match_target
-from vision.frames import Array, rotation
+from vision.frames import Array
 from vision.hiding import needle_hides
 from vision.posemap import Correction, PoseMap
 
@@ -54,17 +54,18 @@ async def look_and_aim(job: Job, bench: Bench, position: Position, point: BoardP
     model = bench.calibrations.require_probe()
     servo = bench.config.servo
     reach_um = servo.max_placement_um + servo.match_um
-    search = Search.by_map(pose_map, model.tip_px, point, reach_um)
+    height_um = bench.geometry.height_below_um(position)
+    search = Search.by_map(pose_map, model.tip_px, point, reach_um, height_um)
     look = await bench.station.look(position, model, search, job.watch, job.deadline)
     job.saw(look)
     try:
         tip = require_tip(look)
-        target = choose(look, tip, point, pose_map, bench)
+        target = choose(look, tip, point, pose_map, bench, height_um)
     except Fault:
         job.note("look", describe(look, None, None))
         raise
     way = pose_map.correction((target.x_px, target.y_px), (tip.x_px, tip.y_px), look.position.theta_deg,
-                              math.hypot(tip.sigma_px, target.sigma_px))  # fmt: skip
+                              math.hypot(tip.sigma_px, target.sigma_px), height_um=height_um)  # fmt: skip
     job.note("look", describe(look, target, way))
     return Aim(look, tip, target, way)
 
@@ -85,7 +86,7 @@ def refuse_unusable(missing: NotFound) -> None:
         raise Fault(Kind.FRAME_UNUSABLE, missing.message, reason=missing.reason.value)
 
 
-def choose(look: Look, tip: Tip, point: BoardPoint, pose_map: PoseMap, bench: Bench) -> TestPoint:
+def choose(look: Look, tip: Tip, point: BoardPoint, pose_map: PoseMap, bench: Bench, height_um: float) -> TestPoint:
     """Choose the pad that is `point` among those seen, by CAD's neighbourhood; never guess."""
     seen = look.seen
     if seen is None:
@@ -95,11 +96,11 @@ def choose(look: Look, tip: Tip, point: BoardPoint, pose_map: PoseMap, bench: Be
     servo, theta, tip_px = bench.config.servo, look.position.theta_deg, (tip.x_px, tip.y_px)
 
     def places_um(pixels: list[tuple[float, float]]) -> Array:
-        return pose_map.from_tip_um(pixels, tip_px, theta) if pixels else np.empty((0, 2))
+        return pose_map.from_tip_um(pixels, tip_px, theta, height_um=height_um) if pixels else np.empty((0, 2))
 
     def hidden(places: Array) -> Sequence[bool]:
         radius_px = point.diameter_um / 2 * pose_map.scale_px_per_um(tip_px)
-        return needle_hides(tip, pose_map.to_px(places, tip_px, theta), radius_px)
+        return needle_hides(tip, pose_map.to_px(places, tip_px, theta, height_um=height_um), radius_px)
 
     pads = places_um([(p.x_px, p.y_px) for p in seen.taken])
     doubtful = places_um([(o.object.x_px, o.object.y_px) for o in seen.undecided])
@@ -130,8 +131,7 @@ def lookalikes(point: BoardPoint, position: Position, bench: Bench) -> Array:
     """
     servo = bench.config.servo
     places = bench.board.lookalikes_um(point, 3 * (servo.max_placement_um + servo.match_um))
-    turned: Array = (places - places[0]) @ rotation(bench.station.board_rotation_deg()).T
-    from_tip: Array = turned + bench.station.tip_from(point.x_um, point.y_um, position)
+    from_tip: Array = bench.geometry.board_to_robot_um(places) - bench.geometry.tip_um(position)
     return from_tip
 
 
@@ -143,8 +143,9 @@ def describe(look: Look, target: TestPoint | None, way: Correction | None) -> di
         "z_um": round(look.position.z_um, 2),
         "theta_deg": round(look.position.theta_deg, 5),
         "white_sequence": look.white.sequence,
-        "red_sequence": look.red.sequence,
     }
+    if look.red is not None:
+        body["red_sequence"] = look.red.sequence
     if isinstance(look.tip, Tip):
         body |= {
             "tip_px": [round(look.tip.x_px, 3), round(look.tip.y_px, 3)],

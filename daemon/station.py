@@ -11,8 +11,6 @@ import asyncio
 import time
 from dataclasses import dataclass
 
-import numpy as np
-
 from daemon.board import BoardPoint
 from daemon.clock import Stopwatch
 from daemon.config import Config
@@ -22,8 +20,7 @@ from drivers.camera import Frame
 from drivers.deadline import Deadline
 from drivers.gantry import Position
 from drivers.lights import Light
-from vision import NotFound, ProbeModel, Seen, Tip, find_test_points, find_tip
-from vision.frames import Array, HeadModel, Rigid2
+from vision import ControlPoint, NotFound, ProbeModel, Seen, Tip, find_control_point, find_test_points, find_tip
 from vision.posemap import PoseMap
 
 HOMED_WITHIN_S = 2.0
@@ -33,17 +30,19 @@ HEIGHT_WINDOW_UM = 5.0
 
 @dataclass(frozen=True)
 class Look:
-    """What one look brought: two frames, where the head was, the tip and the pads.
+    """What one look brought: the frames, where the head was, the tip and what was looked for.
 
-    `tip` is None when no probe is taught, `seen` when there is no tip to search round.
+    `tip` is None when no probe is taught; `seen` is what the red frame showed, `cross` what the white one did: each is
+    None where it was not looked for, or where there is no tip to search round.
     """
 
     white: Frame
-    red: Frame
+    red: Frame | None
     position: Position
     tip: Tip | NotFound | None
-    seen: Seen | None
     expected_tip_px: tuple[float, float] | None
+    seen: Seen | None = None
+    cross: ControlPoint | NotFound | None = None
 
 
 @dataclass(frozen=True)
@@ -55,56 +54,47 @@ class Search:
     expected_radius_px: float | None
 
     @classmethod
-    def by_map(cls, pose_map: PoseMap, tip_px: tuple[float, float], point: BoardPoint, reach_um: float) -> Search:
-        """Look round the place below the tip for a target of CAD's size."""
+    def by_map(
+        cls, pose_map: PoseMap, tip_px: tuple[float, float], point: BoardPoint, reach_um: float, height_um: float
+    ) -> Search:
+        """Look round the place below the tip for a target of CAD's size; `height_um` is the surface's there."""
         scale = pose_map.scale_px_per_um(tip_px)
-        return cls(pose_map.below_tip_px, reach_um * scale, point.diameter_um / 2 * scale)
+        return cls(pose_map.below_px(height_um), reach_um * scale, point.diameter_um / 2 * scale)
+
+
+@dataclass(frozen=True)
+class CrossSearch:
+    """Where to look for the control point in the white picture, relative to the tip, and how long its arms are."""
+
+    offset_px: tuple[float, float]
+    reach_px: float
+    arm_px: float
 
 
 class Station:
-    """The opened hardware with what is known of its geometry."""
+    """The opened hardware as one thing that looks and goes."""
 
     def __init__(self, config: Config, hardware: Hardware) -> None:
         self.config = config
         self._hardware = hardware
-        self._head: HeadModel = config.head.model()
-        self._board: Rigid2 = config.board.pose()
         self._resting_since_s = time.monotonic()
-
-    # --- where things are -------------------------------------------------------------------------------------
-
-    def board_to_robot_um(self, x_um: float, y_um: float) -> Array:
-        """Return the nominal robot coordinates of a place on the board."""
-        return self._board.apply((x_um, y_um))
-
-    def board_rotation_deg(self) -> float:
-        """Return how the board nominally lies."""
-        return self._board.theta_deg
-
-    def position_over(self, x_um: float, y_um: float, theta_deg: float) -> Position:
-        """Return the head position that puts a perfect head's tip over a place of the board, at working height."""
-        hx, hy = self.board_to_robot_um(x_um, y_um) - self._head.tip_offset_um(theta_deg)
-        return Position(float(hx), float(hy), self.config.gantry.work_z_um, theta_deg)
-
-    def tip_from(self, x_um: float, y_um: float, position: Position) -> Array:
-        """Return a place of the board relative to a perfect head's tip, robot frame, um."""
-        head = np.array((position.x_um, position.y_um))
-        from_tip: Array = self.board_to_robot_um(x_um, y_um) - head - self._head.tip_offset_um(position.theta_deg)
-        return from_tip
-
-    # --- what it does -----------------------------------------------------------------------------------------
 
     async def position(self, watch: Stopwatch, deadline: Deadline) -> Position:
         """Read where the axes are."""
         with watch.spend("bus"):
             return await self._hardware.gantry.position(deadline)
 
-    async def go(self, target: Position, watch: Stopwatch, deadline: Deadline) -> Position:
-        """Move the head and return where the drives report it to be; cancelling stops it."""
+    async def go(
+        self, target: Position, watch: Stopwatch, deadline: Deadline, *, from_above: frozenset[str] = frozenset()
+    ) -> Position:
+        """Move the head and return where the drives report it to be; cancelling stops it.
+
+        `from_above`: axes that come to the target from above, against the rule; only who measures backlash wants that.
+        """
         self._hardware.gantry.check(target)
         with watch.spend("motion"):
             try:
-                return await self._hardware.gantry.move_to(target, deadline)
+                return await self._hardware.gantry.move_to(target, deadline, from_above=from_above)
             finally:
                 self._resting_since_s = time.monotonic()
 
@@ -146,7 +136,15 @@ class Station:
         finally:
             tip_search.cancel()
         seen = await asyncio.to_thread(_search_pads, red, tip, search) if tip else None
-        return Look(white, red, position, tip, seen, model.tip_px if model is not None else None)
+        return Look(white, red, position, tip, model.tip_px if model is not None else None, seen=seen)
+
+    async def look_white(
+        self, position: Position, model: ProbeModel, cross: CrossSearch | None, watch: Stopwatch, deadline: Deadline
+    ) -> Look:
+        """Take one white frame and find the tip in it, and the control point if it is asked for; nothing moves."""
+        white = await self.picture(Light.WHITE, watch, deadline)
+        tip, found = await asyncio.to_thread(_search_white, white, model, cross)
+        return Look(white, None, position, tip, model.tip_px, cross=found)
 
     async def picture(self, light: Light, watch: Stopwatch, deadline: Deadline) -> Frame:
         """Take one frame that was exposed wholly after light and head had settled."""
@@ -189,6 +187,17 @@ class Station:
 def _search_tip(white: Frame, model: ProbeModel | None) -> Tip | NotFound | None:
     """Run TEDA, if a probe has been taught."""
     return find_tip(white.pixels, model) if model is not None else None
+
+
+def _search_white(
+    white: Frame, model: ProbeModel, cross: CrossSearch | None
+) -> tuple[Tip | NotFound, ControlPoint | NotFound | None]:
+    """Run TEDA, and round the tip appendix C."""
+    tip = find_tip(white.pixels, model)
+    if not tip or cross is None:
+        return tip, None
+    around = (tip.x_px + cross.offset_px[0], tip.y_px + cross.offset_px[1])
+    return tip, find_control_point(white.pixels, around, cross.reach_px, cross.arm_px)
 
 
 def _search_pads(red: Frame, tip: Tip, search: Search) -> Seen:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from daemon.cli import boards, demo, look, serve, teach, tester
+from daemon.cli import boards, calibrate, demo, look, serve, teach, tester
 
 app = typer.Typer(
     name="reprobe",
@@ -13,8 +13,9 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for commands in (serve.app, tester.app, look.app, teach.app, boards.app, demo.app):
+for commands in (serve.app, tester.app, calibrate.app, look.app, teach.app, boards.app, demo.app):
     app.registered_commands += commands.registered_commands
+    app.registered_groups += commands.registered_groups
 
 
 def main() -> None:

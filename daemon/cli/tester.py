@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import typer
 from rich.table import Table
 
-from daemon.cli.output import DEFAULT_ENDPOINT, FAILED, AsJson, Endpoint, answered, err, out, say_json
-from daemon.cli.points import point_option
+from daemon.cli.output import DEFAULT_ENDPOINT, AsJson, Endpoint, answered, err, out, say_json
 from daemon.client import Client, listen
 from daemon.messages import JobResult
 
@@ -51,24 +50,6 @@ def home(endpoint: Endpoint = DEFAULT_ENDPOINT, as_json: AsJson = False) -> None
 
 
 @app.command()
-def calibrate(
-    what: Annotated[Literal["tip", "map"], typer.Argument(help="Teach the tip, or calibrate the map.")],
-    tip: Annotated[str | None, typer.Option(help="tip: the needle's end in the picture, X,Y in px.")] = None,
-    on: Annotated[str | None, typer.Option(help="map: name of a round target that stands alone.")] = None,
-    theta_deg: Theta = 0.0,
-    endpoint: Endpoint = DEFAULT_ENDPOINT,
-    as_json: AsJson = False,
-) -> None:
-    """Teach the probe's tip from a white picture, or calibrate the map from image to robot."""
-    fields: dict[str, Any] = {"what": what, "theta_deg": theta_deg}
-    if tip is not None:
-        fields["tip_px"] = point_option(tip, "--tip", FAILED)
-    if on is not None:
-        fields["test_point"] = on
-    run_job("calibrate", endpoint, as_json=as_json, timeout_s=600.0, deadline_ms=600e3, **fields)
-
-
-@app.command()
 def cancel(endpoint: Endpoint = DEFAULT_ENDPOINT, job_id: JobIdOption = None, as_json: AsJson = False) -> None:
     """Stop the running job, or the one named, safely."""
     _ask("cancel", endpoint, as_json=as_json, **({"id": job_id} if job_id else {}))
@@ -96,7 +77,7 @@ def watch(
     """Print events as they come, until Ctrl-C."""
     with answered(), Client(endpoint) as client:
         events = client.request("describe")["events"]
-    topics = tuple(topic) if topic else ("state", "result", "alert", "log")
+    topics = tuple(topic) if topic else ("state", "result", "alert", "progress", "log")
     try:
         for n, event in enumerate(listen(events, topics), start=1):
             if as_json:
@@ -118,6 +99,8 @@ def _gist(event: dict[str, Any]) -> str:
             return f"{event['was']} --{event['event']}--> [bold]{event['state']}[/]"
         case "result":
             return _sentence(JobResult.model_validate({k: event[k] for k in JobResult.model_fields}))
+        case "progress":
+            return f"{event['op']}: {event['done']} of {event['total']}, {event['doing']}"
         case _:
             return ", ".join(f"{k}={v}" for k, v in event.items() if k not in ("v", "topic", "seq", "time", "station"))
 

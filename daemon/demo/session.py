@@ -6,6 +6,7 @@ the head over test points, say "open". How good each landing was it asks the sim
 
 from __future__ import annotations
 
+import math
 import random
 import re
 from collections.abc import Callable
@@ -17,12 +18,16 @@ from daemon.client import Client
 from daemon.demo.processes import Bench
 from daemon.messages import JobResult
 
-CLICK_ERROR_PX = 0.4
-"""A person who points at the needle's end in a magnified picture is off by this much (1 sigma)."""
+CLICK_ERROR_PX, CLICKS = 0.4, 5
+"""A person who points at the needle's end in a magnified picture is off by this much (1 sigma), and clicks so often."""
 BESIDE_BOARD_UM = 9000.0
 """Beside the board there is only the dark base plate: the low-noise background on which the thesis teaches the tip."""
 ANGLES_DEG = (0.0, 100.0), (140.0, 359.9)
 LIMIT_UM = 50.0
+LEAST_FIDUCIALS, LEAST_TOUCHED = 3, 4
+ALONE_UM = 2500.0
+LONG_MS = 3600e3
+"""More than any calibration takes."""
 Say = Callable[[str], None]
 
 
@@ -55,16 +60,29 @@ def choose_points(board: Board, at_most: int) -> list[BoardPoint]:
     ]
 
 
+def solitude_um(board: Board, point: BoardPoint) -> float:
+    """Return how far away the next target is that looks alike."""
+    others = board.lookalikes_um(point, within_um=20_000.0)[1:]
+    return min((math.dist(other, point.place_um) for other in others), default=20_000.0)
+
+
+def choose_fiducials(board: Board) -> list[BoardPoint]:
+    """Return what the board is aligned by: its fiducials, else four targets that stand alone, far apart."""
+    fiducials = [p for p in board.points if p.kind == "fiducial"]
+    if len(fiducials) >= LEAST_FIDUCIALS:
+        return fiducials
+    alone = sorted(board.test_points(), key=lambda p: -min(solitude_um(board, p), ALONE_UM))
+    candidates = [p for p in alone if solitude_um(board, p) >= ALONE_UM] or alone[:12]
+    chosen = candidates[:1]
+    while len(chosen) < min(4, len(candidates)):
+        chosen.append(max(candidates, key=lambda p: min(math.dist(p.place_um, c.place_um) for c in chosen)))
+    return chosen if len(chosen) >= LEAST_FIDUCIALS else []
+
+
 def choose_mark(board: Board) -> BoardPoint:
     """Return the round target that stands most alone among its likes; fiducials are made for it."""
-
-    def solitude_um(point: BoardPoint) -> float:
-        others = board.lookalikes_um(point, within_um=20_000.0)[1:]
-        here = (point.x_um, point.y_um)
-        return min((((o - here) ** 2).sum() ** 0.5 for o in others), default=20_000.0)
-
     marks = [p for p in board.points if p.kind == "fiducial" or (p.probeable and p.hole_um is None)] or [*board.points]
-    return max(marks, key=lambda p: (p.kind == "fiducial", min(solitude_um(p), 4000.0), -p.diameter_um))
+    return max(marks, key=lambda p: (p.kind == "fiducial", min(solitude_um(board, p), 4000.0), -p.diameter_um))
 
 
 class Session:
@@ -84,7 +102,19 @@ class Session:
         self._must("calibrate", what="tip", tip_px=self._click())
         mark = choose_mark(self._board)
         self._say(f"calibrating the map on {mark.name}")
-        self._must("calibrate", what="map", test_point=mark.name, deadline_ms=600e3)
+        self._must("calibrate", what="map", test_point=mark.name, deadline_ms=LONG_MS)
+
+    def calibrate_fully(self, angles: int) -> None:
+        """Calibrate the head's rotation, align the board, and measure the height of its surface."""
+        self._say(f"calibrating the rotation at {angles} angles")
+        self._must("calibrate", what="rotation", angles=angles, deadline_ms=LONG_MS)
+        fiducials = choose_fiducials(self._board)
+        if fiducials:
+            self._say("aligning the board")
+            self._must("align", fiducials=[p.name for p in fiducials], deadline_ms=LONG_MS)
+        if len(self._board.test_points()) >= LEAST_TOUCHED:
+            self._say("measuring the surface")
+            self._must("calibrate", what="surface", deadline_ms=LONG_MS)
 
     def land(self, point: BoardPoint) -> Landing:
         """Put the head over a test point with all its errors, say "open", and ask the truth before and after."""
@@ -98,15 +128,19 @@ class Session:
         return Landing(point, theta_deg, before_um, after_um, result)
 
     def _must(self, op: str, **fields: Any) -> JobResult:
-        result = self._client.job(op, timeout_s=600.0, **fields)
+        result = self._client.job(op, timeout_s=LONG_MS / 1e3, **fields)
         if result.error is not None:
             raise SetUpError(f"{op} failed: {result.error.message} ({result.error.name}); {result.error.advice}")
         return result
 
     def _click(self) -> list[float]:
-        """Point at the needle's end as a person would: well, but not perfectly."""
+        """Point at the needle's end as a person would on the page: well but not perfectly, a few times."""
         x, y = self._bench.ask("status")["tip_px"]
-        return [x + self._random.gauss(0, CLICK_ERROR_PX), y + self._random.gauss(0, CLICK_ERROR_PX)]
+        clicks = [(x + self._off_px(), y + self._off_px()) for _ in range(CLICKS)]
+        return [sum(axis) / CLICKS for axis in zip(*clicks, strict=True)]
+
+    def _off_px(self) -> float:
+        return self._random.gauss(0, CLICK_ERROR_PX)
 
     def _angle(self) -> float:
         """Draw an allowed head angle that the motor can stand at: a multiple of 0.05625 degrees."""

@@ -4,19 +4,27 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
+
+GAP_MS, STILL_MS, LIT_MS = 3.0, 60.0, 40.0
+"""Silence on the line, and how long the head and a lamp take to be steady, on a station whose time is the clock's."""
+REPLY_MS, HURRIED_REPLY_MS = 200.0, 1500.0
+"""How long a slave may take to answer; hurried stations are run several at a time, and then the computer is slow."""
 
 _TOML = """\
 # Written by `reprobe demo`. A real station differs in names of ports only.
 [station]
 name = "demo"
 data_dir = "station"
-pictures = "all"
+pictures = "{pictures}"
 pictures_quota_mb = 500.0
 
 [bus.main]
 port = "{line}"
 baudrate = 115200
 parity = "N"
+gap_ms = {gap_ms:g}
+timeout_ms = {reply_ms:g}
 
 [axes.x]
 bus = "main"
@@ -67,6 +75,8 @@ homing_speed = 60.0
 safe_z_um = 12000.0
 work_z_um = 5200.0
 touch_z_um = 5000.0
+press_um = 200.0
+settle_ms = {still_ms:g}
 
 [lights]
 kind = "modbus"
@@ -74,7 +84,7 @@ bus = "main"
 address = 5
 white = 0
 red = 1
-settle_ms = 40.0
+settle_ms = {lit_ms:g}
 
 [camera]
 kind = "stream"
@@ -84,6 +94,10 @@ encoding = "mjpg"
 [head]
 radius_um = 14938.26      # the mean of the real head's record; its run-out is what the servo is for
 phase_deg = -3.054
+
+[control_point]           # the printed cross beside the board
+x_um = 30000.0
+y_um = 22000.0
 
 [board]
 file = "board.json"
@@ -113,13 +127,19 @@ class Places:
         return f"ipc://{self.sockets / name}"
 
 
-def write_settings(places: Places) -> Path:
-    """Write station.toml and return its path."""
+def write_settings(places: Places, *, speed: float = 1.0, pictures: Literal["failed", "all", "none"] = "all") -> Path:
+    """Write station.toml and return its path.
+
+    On a station whose time runs `speed` times as fast, what the daemon waits for by the clock is over as much sooner.
+    Timeouts do not shrink: they are for the two programs, which are no faster there.
+    """
     path = places.out / "station.toml"
     path.write_text(
         _TOML.format(
             line=places.line, camera=places.socket("camera"), control=places.socket("control"),
-            events=places.socket("events"),
+            events=places.socket("events"), pictures=pictures, gap_ms=GAP_MS / speed,
+            reply_ms=HURRIED_REPLY_MS if speed > 1.0 else REPLY_MS, still_ms=STILL_MS / speed,
+            lit_ms=LIT_MS / speed,
         )
     )  # fmt: skip
     return path

@@ -6,6 +6,7 @@ from typing import Any, cast
 import pytest
 
 from daemon.clock import utc_now
+from daemon.config import ServoSection
 from daemon.faults import Fault, Kind
 from daemon.jobs import Jobs
 from daemon.journal import Journal
@@ -18,7 +19,7 @@ WRITTEN = HOME.model_dump_json(exclude={"wait", "deadline_ms"})
 
 def _jobs(journal: Journal) -> Jobs:
     nobody = cast("Any", None)  # neither events nor pictures are reached by an id that is known
-    return Jobs(Machine(lambda *_: None), journal, nobody, nobody, "s", job_timeout_s=60.0, queue_length=4)
+    return Jobs(Machine(lambda *_: None), journal, nobody, nobody, "s", ServoSection(), queue_length=4)
 
 
 async def test_a_known_id_is_answered_from_the_journal_and_only_for_the_same_request(tmp_path: Path) -> None:

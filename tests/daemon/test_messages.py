@@ -18,6 +18,11 @@ GOOD: list[dict[str, Any]] = [
     {"op": "look", "id": "a"},
     {"op": "calibrate", "id": "a", "what": "tip", "tip_px": [428, 620]},
     {"op": "calibrate", "id": "a", "what": "map", "test_point": "FID1"},
+    {"op": "calibrate", "id": "a", "what": "rotation", "angles": 24, "model": "fourier", "resume": False},
+    {"op": "calibrate", "id": "a", "what": "surface", "places": 6},
+    {"op": "calibrate", "id": "a", "what": "backlash"},
+    {"op": "align", "id": "a"},
+    {"op": "align", "id": "a", "fiducials": ["FID1", "FID2", "TP3"], "thetas_deg": [0.0, 90.0]},
     {"op": "home", "id": "a"},
     {"op": "cancel"},
     {"op": "reset"},
@@ -45,6 +50,11 @@ BAD: list[tuple[Any, Kind, str]] = [
     ({"op": "place", "id": "a", "test_point": "TP7", "theta_deg": float("nan")}, Kind.INVALID_REQUEST, "theta_deg"),
     ({"op": "place", "id": "a", "board_um": [1e300, 0]}, Kind.INVALID_REQUEST, "board_um"),
     ({"op": "calibrate", "id": "a", "what": "tip"}, Kind.INVALID_REQUEST, ""),
+    ({"op": "calibrate", "id": "a", "what": "everything"}, Kind.INVALID_REQUEST, "what"),
+    ({"op": "calibrate", "id": "a", "what": "rotation", "angles": 5}, Kind.INVALID_REQUEST, "angles"),
+    ({"op": "calibrate", "id": "a", "what": "rotation", "angles": 9, "every_deg": 2}, Kind.INVALID_REQUEST, ""),
+    ({"op": "align", "id": "a", "fiducials": ["FID1", "FID2"]}, Kind.INVALID_REQUEST, "fiducials"),
+    ({"op": "align", "id": "a", "thetas_deg": [400.0]}, Kind.INVALID_REQUEST, "thetas_deg"),
     ({"op": "status", "deadline_ms": "soon"}, Kind.INVALID_REQUEST, "deadline_ms"),
 ]
 

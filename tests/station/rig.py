@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from daemon.board import Board
 from daemon.cad import import_board
@@ -74,15 +74,24 @@ class Rig:
 
 
 @contextmanager
-def running_rig(out: Path, *, seed: int = 1, arguments: tuple[str, ...] = FAST) -> Iterator[Rig]:
-    """Start the simulated station and a daemon on it."""
-    board = import_board(DEMO_BOARD, "top")
+def running_rig(
+    out: Path,
+    *,
+    seed: int = 1,
+    arguments: tuple[str, ...] = FAST,
+    folder: Path = DEMO_BOARD,
+    side: Literal["top", "bottom"] = "top",
+    waits_for_speed: float = 1.0,
+    pictures: Literal["failed", "all", "none"] = "all",
+) -> Iterator[Rig]:
+    """Start the simulated station and a daemon on it; `waits_for_speed` shortens what the daemon waits for by clock."""
+    board = import_board(folder, side)
     (out / "board.json").write_text(board.model_dump_json())
     with tempfile.TemporaryDirectory(prefix="reprobe-") as sockets:
         places = Places(out, Path(sockets))
-        write_settings(places)
+        write_settings(places, speed=waits_for_speed, pictures=pictures)
         sim_arguments = [
-            "sim_hw", "--board", str(DEMO_BOARD), "--side", "top", "--seed", str(seed), "--line", places.line,
+            "sim_hw", "--board", str(folder), "--side", side, "--seed", str(seed), "--line", places.line,
             "--camera", places.socket("camera"), "--bench", places.socket("bench"),
             "--truth", str(out / "truth.jsonl"), *arguments,
         ]  # fmt: skip

@@ -1,0 +1,1 @@
+"""The calibration jobs and what they leave behind; start at `jobs`."""

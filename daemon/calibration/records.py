@@ -1,0 +1,193 @@
+"""What a calibration leaves behind: one JSON file with its date, its station, all that was measured and what followed.
+
+Every kind keeps the raw measurements beside the fitted numbers, so that a page can be drawn from the file alone and
+the fit can be repeated years later. Lengths um, angles degrees, px as the names say.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+FORMAT: Literal["reprobe-calibration-2"] = "reprobe-calibration-2"
+Pair = tuple[float, float]
+
+
+class _Part(BaseModel):
+    """Base of everything in a record: frozen, nothing unknown, no NaN."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Seen(_Part):
+    """One sighting of the resting mark: its pixel as if the tip were at the map's tip, and where the head stood."""
+
+    theta_deg: float
+    target_px: Pair
+    x_um: float
+    y_um: float
+
+
+class Made(_Part):
+    """What every record says of itself."""
+
+    format: Literal["reprobe-calibration-2"] = FORMAT
+    station: str
+    made_at: str
+    job: str
+    """Id of the job that made it."""
+    probe: str
+    """Fingerprint of the taught probe it was made with."""
+    seconds: float
+    looks: int
+
+
+class MapRecord(Made):
+    """The map from image to robot."""
+
+    what: Literal["map"] = "map"
+    mark: str
+    theta_deg: float
+    tip_px: Pair
+    sightings: tuple[Seen, ...]
+    pose_map: dict[str, Any]
+    """`PoseMap.to_json`, decoded."""
+
+
+class Stop(_Part):
+    """One head angle: where the head stands when the tip is on the control point, and what it took."""
+
+    theta_deg: float
+    x_um: float
+    y_um: float
+    off_um: float
+    """How far off the tip was when it first came there."""
+    looks: int
+
+
+class Landing(_Part):
+    """One jump to the control point by calculation alone: where the tip was from it, robot frame."""
+
+    theta_deg: float
+    dx_um: float
+    dy_um: float
+
+
+class Circle(_Part):
+    """The least-squares circle of the stops."""
+
+    centre_um: Pair
+    radius_um: float
+    rms_um: float
+
+
+class RotationRecord(Made):
+    """The head model, with the stops it was fitted to."""
+
+    what: Literal["rotation"] = "rotation"
+    control_um: Pair
+    """Where the configuration has the control point."""
+    card_height_um: float
+    """Its surface above the nominal touching plane."""
+    stops: tuple[Stop, ...]
+    used: tuple[bool, ...]
+    residuals_um: tuple[Pair, ...]
+    """Measured minus model at each stop."""
+    head: dict[str, Any]
+    """`vision.head.head_to_dict`."""
+    kind: str
+    order: int | None
+    rms_um: float
+    holdout_rms_um: float
+    holdout_max_um: float
+    circle: Circle
+    total_error_um: float
+    """Eq. 6.8, of the head in force until then."""
+    closure_um: float
+    """How far from its first stop the first angle was at the end."""
+    before: tuple[Landing, ...]
+    """Landings that the head model in force before this calibration gives, at the stops."""
+    after: tuple[Landing, ...]
+    """Landings by the new model at angles that were not fitted, looked at afterwards."""
+    sightings: tuple[Seen, ...]
+
+
+class Touch(_Part):
+    """The surface's height at one place, by how far the pin was pushed in."""
+
+    x_um: float
+    y_um: float
+    height_um: float
+
+
+class SurfaceRecord(Made):
+    """The plane below the needle."""
+
+    what: Literal["surface"] = "surface"
+    touches: tuple[Touch, ...]
+    residuals_um: tuple[float, ...]
+    surface: dict[str, Any]
+    """`vision.surface.Surface.to_dict`."""
+    flatness_um: float
+    rms_um: float
+    limit_um: float
+    planar: bool
+
+
+class AxisBacklash(_Part):
+    """One axis: where the tip was seen when it came from below and from above, along the axis."""
+
+    from_below_um: tuple[float, ...]
+    from_above_um: tuple[float, ...]
+    backlash_um: float
+    sigma_um: float
+
+
+class BacklashRecord(Made):
+    """The play of X and Y."""
+
+    what: Literal["backlash"] = "backlash"
+    x: AxisBacklash
+    y: AxisBacklash
+    approach_um: float
+    """Overshoot of the one-sided approach, which has to be larger than any play."""
+
+
+class Aligned(_Part):
+    """One fiducial: where CAD has it and where it was seen."""
+
+    name: str
+    board_um: Pair
+    robot_um: Pair
+    residual_um: Pair
+    views: int
+
+
+class AlignmentRecord(Made):
+    """Where the board lies."""
+
+    what: Literal["alignment"] = "alignment"
+    board: str
+    side: Literal["top", "bottom"]
+    theta_deg: float
+    scale: float
+    tx_um: float
+    ty_um: float
+    rms_um: float
+    fiducials: tuple[Aligned, ...]
+
+
+Record = MapRecord | RotationRecord | SurfaceRecord | BacklashRecord | AlignmentRecord
+_RECORDS: TypeAdapter[Record] = TypeAdapter(Annotated[Record, Field(discriminator="what")])
+
+
+def read_record(path: Path) -> Record:
+    """Read a record; anything else is a ValueError that says to calibrate again."""
+    try:
+        return _RECORDS.validate_json(path.read_bytes())
+    except ValidationError as exc:
+        first = exc.errors()[0]
+        where = ".".join(str(p) for p in first["loc"]) or "(file)"
+        raise ValueError(f"{path.name} is no calibration of this program ({where}: {first['msg']})") from exc

@@ -1,0 +1,121 @@
+"""`reprobe calibrate ...` and `reprobe align`: what a station learns, one command each, with a bar while it lasts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+
+from daemon.cli.click_page import write_click_page
+from daemon.cli.fit import fit
+from daemon.cli.output import DEFAULT_ENDPOINT, FAILED, AsJson, Endpoint, answered, out
+from daemon.cli.points import point_option
+from daemon.cli.progress import run_with_bar
+from daemon.client import Client
+
+app = typer.Typer()
+group = typer.Typer(help="Calibrate: tip, map, rotation, surface, backlash.", no_args_is_help=True)
+app.add_typer(group, name="calibrate")
+group.command("fit")(fit)
+Theta = Annotated[float, typer.Option(help="Head angle, degrees.")]
+On = Annotated[
+    str | None, typer.Option(help="Name of a round target that stands alone; the printed control point by default.")
+]
+
+
+@group.command()
+def tip(
+    tip_px: Annotated[str | None, typer.Option("--tip", help="The needle's end in the picture, X,Y in px.")] = None,
+    page: Annotated[Path, typer.Option(help="Without --tip: where to put the page to click on.")] = Path("tip.html"),
+    endpoint: Endpoint = DEFAULT_ENDPOINT,
+    as_json: AsJson = False,
+) -> None:
+    """Teach the probe's tip from a white picture: say where its end is, or get a page on which to click it.
+
+    A new probe makes map, rotation and surface void: its end lies elsewhere.
+    """
+    if tip_px is not None:
+        run_with_bar("calibrate", endpoint, as_json=as_json, what="tip", tip_px=point_option(tip_px, "--tip", FAILED))
+        return
+    with answered(), Client(endpoint) as client:
+        result = client.job("look", pictures=True)
+    if result.pictures is None:
+        raise typer.Exit(FAILED)
+    write_click_page(Path(result.pictures) / "before-white.jpg", page)
+    out.print(f"open {page}, click the very end of the needle, and run the command it shows", highlight=False)
+
+
+@group.command("map")
+def map_(
+    on: On = None,
+    theta_deg: Theta = 0.0,
+    endpoint: Endpoint = DEFAULT_ENDPOINT,
+    as_json: AsJson = False,
+) -> None:
+    """Calibrate the map from image to robot."""
+    run_with_bar("calibrate", endpoint, as_json=as_json, what="map", theta_deg=theta_deg, **_on(on))
+
+
+@group.command()
+def rotation(
+    angles: Annotated[int | None, typer.Option(help="So many head angles, evenly spread (48).")] = None,
+    every: Annotated[float | None, typer.Option(help="Instead: at every so many degrees.")] = None,
+    model: Annotated[
+        Literal["auto", "fourier", "array", "circle"],
+        typer.Option(help="What to fit; auto takes what predicts angles left out best."),
+    ] = "auto",
+    anew: Annotated[bool, typer.Option("--anew", help="Do not go on with an interrupted run.")] = False,
+    endpoint: Endpoint = DEFAULT_ENDPOINT,
+    as_json: AsJson = False,
+) -> None:
+    """Calibrate the head's rotation on the printed control point."""
+    fields: dict[str, Any] = {"model": model, "resume": not anew}
+    if angles is not None:
+        fields["angles"] = angles
+    if every is not None:
+        fields["every_deg"] = every
+    run_with_bar("calibrate", endpoint, as_json=as_json, what="rotation", **fields)
+
+
+@group.command()
+def surface(
+    places: Annotated[int, typer.Option(min=4, max=200, help="How many test points to touch.")] = 12,
+    theta_deg: Theta = 0.0,
+    endpoint: Endpoint = DEFAULT_ENDPOINT,
+    as_json: AsJson = False,
+) -> None:
+    """Touch test points at random and say whether they lie in a plane, and how high it is."""
+    run_with_bar("calibrate", endpoint, as_json=as_json, what="surface", places=places, theta_deg=theta_deg)
+
+
+@group.command()
+def backlash(
+    on: On = None, theta_deg: Theta = 0.0, endpoint: Endpoint = DEFAULT_ENDPOINT, as_json: AsJson = False
+) -> None:
+    """Measure the play of X and Y."""
+    run_with_bar("calibrate", endpoint, as_json=as_json, what="backlash", theta_deg=theta_deg, **_on(on))
+
+
+@app.command()
+def align(
+    on: Annotated[
+        list[str] | None, typer.Option(help="A round target to look at; repeat it. The board's fiducials by default.")
+    ] = None,
+    theta_deg: Annotated[
+        list[float] | None, typer.Option(help="A head angle to look from; repeat it. 0 and 180 by default.")
+    ] = None,
+    endpoint: Endpoint = DEFAULT_ENDPOINT,
+    as_json: AsJson = False,
+) -> None:
+    """See where the board lies, from three or more fiducials."""
+    fields: dict[str, Any] = {}
+    if on:
+        fields["fiducials"] = on
+    if theta_deg:
+        fields["thetas_deg"] = theta_deg
+    run_with_bar("align", endpoint, as_json=as_json, **fields)
+
+
+def _on(name: str | None) -> dict[str, str]:
+    return {} if name is None else {"test_point": name}

@@ -1,0 +1,77 @@
+"""Run a job of minutes from the command line: a bar from the daemon's progress events, the result at the end."""
+
+from __future__ import annotations
+
+import uuid
+from typing import Any
+
+import typer
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+
+from daemon.cli.output import FAILED, answered, err, out, say_json
+from daemon.client import Client, NoAnswer, Subscription
+from daemon.messages import JobResult
+
+LOOK_AGAIN_S = 1.0
+"""How long to listen before asking for the result: an event may be lost, an answer is not."""
+
+
+def run_with_bar(op: str, endpoint: str, *, as_json: bool, **fields: Any) -> None:
+    """Run a job, show how far it is and how it ended; exit 1 if it failed. Ctrl-C cancels the job, not only the bar."""
+    job_id = f"{op}-{uuid.uuid4().hex[:12]}"
+    with answered(), Client(endpoint) as client:
+        events = client.request("describe")["events"]
+        with Subscription(events, ("progress", "result")) as heard, _bar() as bar:
+            client.request(op, id=job_id, **fields)
+            result = _await(client, heard, job_id, bar, bar.add_task(op, total=None))
+    if as_json:
+        say_json(result.model_dump(mode="json"))
+    else:
+        _tell(result)
+    if not result.ok:
+        raise typer.Exit(FAILED)
+
+
+def _await(client: Client, heard: Subscription, job_id: str, bar: Progress, task: TaskID) -> JobResult:
+    """Follow one job to its end."""
+    try:
+        while True:
+            event = heard.next(LOOK_AGAIN_S)
+            if event is None:
+                reply = client.request("result", id=job_id)
+                if reply["done"]:
+                    return JobResult.model_validate(reply["result"])
+            elif event["topic"] == "progress" and event["job"] == job_id:
+                bar.update(task, completed=event["done"], total=event["total"], description=event["doing"])
+            elif event["topic"] == "result" and event["id"] == job_id:
+                return JobResult.model_validate({k: event[k] for k in JobResult.model_fields})
+    except KeyboardInterrupt:
+        try:
+            client.request("cancel", id=job_id)
+            err.print("[yellow]cancelled; the head stops[/]")
+        except NoAnswer:
+            err.print("[red]the daemon does not answer; the job goes on[/]")
+        raise typer.Exit(FAILED) from None
+
+
+def _bar() -> Progress:
+    columns = (
+        TextColumn("{task.description:<28}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"),
+        TimeElapsedColumn(), TimeRemainingColumn(),
+    )  # fmt: skip
+    return Progress(*columns, console=err, transient=True)
+
+
+def _tell(result: JobResult) -> None:
+    """Show a result's figures, one a line."""
+    if result.error is not None:
+        fault = result.error
+        out.print(f"[red]{result.op} failed[/]: {fault.name} ({fault.code}), {fault.message}", highlight=False)
+        out.print(f"  [dim]->[/] {fault.advice}", highlight=False)
+        return
+    table = Table.grid(padding=(0, 2))
+    for name, value in result.detail.items():
+        table.add_row(name, ", ".join(map(str, value)) if isinstance(value, list) else str(value))
+    out.print(f"[green]{result.outcome}[/], {result.looks} looks, {result.moves} moves", highlight=False)
+    out.print(table)
