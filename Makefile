@@ -3,7 +3,7 @@ PY := .venv/bin/python
 STAMP := .venv/.installed
 BENCH_STAMP := .venv/.bench-installed
 
-.PHONY: demo test check lint types contract bench-vision requirements clean
+.PHONY: demo test check lint types contract bench-vision landing requirements clean
 
 demo: $(STAMP)
 	$(PY) -m daemon.cli demo $(DEMO_ARGS)
@@ -26,6 +26,10 @@ check: lint types contract test
 # BENCH_ARGS="tip --scenes 200 --plots out/bench" for less than everything.
 bench-vision: $(BENCH_STAMP)
 	$(PY) -m tests.bench.vision $(BENCH_ARGS)
+
+# LANDING_ARGS="--trials 200 --stations 2" for less than everything.
+landing: $(BENCH_STAMP)
+	$(PY) -m tests.bench.landing $(LANDING_ARGS)
 
 $(STAMP): requirements/dev.txt pyproject.toml
 	test -x $(PY) || python3 -m venv .venv

@@ -229,6 +229,9 @@ class ServoSection(Section):
         default=40.0, description="3 sigma of two stops' scatter: below it errors grow by chance"
     )
     match_um: Positive = Field(default=120.0, description="a pad seen and one of CAD's agree within this")
+    trusted_um: Positive = Field(
+        default=120.0, description="where head and board are calibrated, a pad is within this of its nominal place"
+    )
     calibration_days: Positive = Field(default=30.0, description="a map older than this is not used")
     job_timeout_s: Positive = Field(default=60.0, description="deadline of a job that brings none")
     calibration_timeout_s: Positive = Field(default=3600.0, description="the same for calibrations and alignments")

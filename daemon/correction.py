@@ -10,7 +10,7 @@ from daemon.board import BoardPoint
 from daemon.faults import Fault, Kind
 from daemon.job import Bench, Job, Outcome
 from daemon.messages import Correct
-from daemon.sighting import Aim, look_and_aim
+from daemon.sighting import STILL_UM, Aim, Prior, known_beforehand, look_and_aim
 from daemon.states import Event
 from drivers.gantry import Position
 from vision.posemap import PoseMap
@@ -35,10 +35,9 @@ async def correct(job: Job, bench: Bench) -> Outcome:
     if aim.error_um <= tolerance_um:
         return _outcome("corrected" if job.moves else "already_on_target", point, before_um, aim)
     while job.moves < bench.config.servo.max_moves:
-        job.fire(Event.OFF_TARGET if job.moves else Event.SEEN)
-        position = await _move(job, bench, aim, pose_map)
-        job.fire(Event.ARRIVED)
-        last_um, aim = aim.error_um, await look_and_aim(job, bench, position, point, pose_map)
+        position = await _step(job, bench, aim.look.position, _way(aim), pose_map)
+        last_um, seen = aim.error_um, Prior(aim.shift_um, STILL_UM, firm=True)
+        aim = await look_and_aim(job, bench, position, point, pose_map, seen)
         job.partial.error_after_um = round(aim.error_um, 2)
         if aim.error_um <= tolerance_um:
             return _outcome("corrected", point, before_um, aim)
@@ -51,21 +50,37 @@ async def correct(job: Job, bench: Bench) -> Outcome:
 
 
 async def _first_aim(job: Job, bench: Bench, start: Position, point: BoardPoint, pose_map: PoseMap) -> Aim:
-    """Look; if the scene is not clear from here, step aside once and look again.
+    """Look; if the scene is not clear from here, step aside, to one side and the other, and look again.
 
     The needle may stand in front of the pad, or cut something else into a shape that cannot be told. A known step
-    sideways uncovers it; it is a move like any other, checked and bounded. What is unclear from there too is a fault.
+    sideways uncovers it; it is a move like any other, checked and bounded. What is unclear from there too is a fault,
+    and the head goes back to where it was.
     """
+    prior = known_beforehand(bench)
     try:
-        return await look_and_aim(job, bench, start, point, pose_map)
-    except Fault as unclear:
-        if unclear.kind not in UNCLEAR:
+        return await look_and_aim(job, bench, start, point, pose_map, prior)
+    except Fault as fault:
+        if fault.kind not in UNCLEAR:
             raise
-    job.fire(Event.SEEN)
-    aside_um = sidestep_um(bench, point, pose_map, start.theta_deg)
-    position = await _go(job, bench, start, aside_um, pose_map)
+        unclear = fault
+    dx, dy = sidestep_um(bench, point, pose_map, start.theta_deg)
+    for aside_um in ((dx, dy), (-dx, -dy)):
+        position = await _step(job, bench, start, aside_um, pose_map)
+        try:
+            return await look_and_aim(job, bench, position, point, pose_map, prior)
+        except Fault as still:
+            if still.kind not in UNCLEAR:
+                raise
+    await _step(job, bench, start, (0.0, 0.0), pose_map)
+    raise unclear
+
+
+async def _step(job: Job, bench: Bench, here: Position, way_um: tuple[float, float], pose_map: PoseMap) -> Position:
+    """Take one step of the machine's from wherever it is: a move, and the arrival after it."""
+    job.fire(Event.OFF_TARGET if job.moves else Event.SEEN)
+    position = await _go(job, bench, here, way_um, pose_map)
     job.fire(Event.ARRIVED)
-    return await look_and_aim(job, bench, position, point, pose_map)
+    return position
 
 
 def sidestep_um(bench: Bench, point: BoardPoint, pose_map: PoseMap, theta_deg: float) -> tuple[float, float]:
@@ -100,9 +115,9 @@ async def admit(job: Job, bench: Bench, request: Correct) -> tuple[BoardPoint, P
     return point, pose_map, position
 
 
-async def _move(job: Job, bench: Bench, aim: Aim, pose_map: PoseMap) -> Position:
-    """Go by what the look found."""
-    return await _go(job, bench, aim.look.position, (aim.correction.dx_um, aim.correction.dy_um), pose_map)
+def _way(aim: Aim) -> tuple[float, float]:
+    """Return the way that a look found."""
+    return aim.correction.dx_um, aim.correction.dy_um
 
 
 async def _go(job: Job, bench: Bench, here: Position, way_um: tuple[float, float], pose_map: PoseMap) -> Position:

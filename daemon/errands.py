@@ -8,7 +8,7 @@ from dataclasses import asdict
 from daemon.faults import Fault, Kind
 from daemon.job import Bench, Job, Outcome
 from daemon.messages import Home, Look, Place
-from daemon.sighting import describe, look_and_aim
+from daemon.sighting import describe, known_beforehand, look_and_aim
 from daemon.states import Event
 from daemon.station import Search
 from drivers.gantry import Position
@@ -65,7 +65,7 @@ async def look(job: Job, bench: Bench) -> Outcome:
         point = bench.board.point(request.test_point)
         calibrations = bench.calibrations
         pose_map = calibrations.require_map(bench.config.servo.calibration_days, bench.config.gantry.work_z_um)
-        aim = await look_and_aim(job, bench, position, point, pose_map)
+        aim = await look_and_aim(job, bench, position, point, pose_map, known_beforehand(bench))
         return Outcome(
             "looked",
             test_point=point.name,

@@ -14,12 +14,14 @@ from daemon.job import Bench, Job
 from daemon.station import Look, Search
 from drivers.gantry import Position
 from vision import NotFound, Reason, TestPoint, Tip
-from vision.constellation import Match, match_target
+from vision.constellation import Match, match_near, match_target
 from vision.frames import Array
 from vision.hiding import needle_hides
 from vision.posemap import Correction, PoseMap
 
 UNUSABLE = frozenset({Reason.TOO_DARK, Reason.SATURATED, Reason.BLURRED, Reason.OUT_OF_FRAME})
+STILL_UM = 80.0
+"""From one look of a job to the next the target is where it was, within the stops' scatter and the sight's errors."""
 NO_MATCH = {
     "none_near": Kind.TEST_POINT_NOT_FOUND,
     "undecided": Kind.UNDECIDED,
@@ -29,13 +31,24 @@ NO_MATCH = {
 
 
 @dataclass(frozen=True)
+class Prior:
+    """What is known before a look: how far the target is from its nominal place, robot frame, and how well."""
+
+    shift_um: tuple[float, float]
+    trust_um: float
+    firm: bool = False
+    """Whether the target cannot be elsewhere: it was seen a moment ago."""
+
+
+@dataclass(frozen=True)
 class Aim:
-    """The way from the tip to the target that one look found."""
+    """The way from the tip to the target that one look found. `shift_um`: the target from its nominal place."""
 
     look: Look
     tip: Tip
     target: TestPoint
     correction: Correction
+    shift_um: tuple[float, float]
 
     @property
     def error_um(self) -> float:
@@ -49,7 +62,15 @@ class Aim:
         return here.x_um + self.correction.dx_um, here.y_um + self.correction.dy_um
 
 
-async def look_and_aim(job: Job, bench: Bench, position: Position, point: BoardPoint, pose_map: PoseMap) -> Aim:
+def known_beforehand(bench: Bench) -> Prior | None:
+    """Return what a station knows before its first look: something only if head and board have been calibrated."""
+    aligned = bench.calibrations.head is not None and bench.calibrations.alignment(bench.board) is not None
+    return Prior((0.0, 0.0), bench.config.servo.trusted_um) if aligned else None
+
+
+async def look_and_aim(
+    job: Job, bench: Bench, position: Position, point: BoardPoint, pose_map: PoseMap, prior: Prior | None = None
+) -> Aim:
     """Take one look from `position` and find the way to `point`; a `Fault` says what could not be seen."""
     model = bench.calibrations.require_probe()
     servo = bench.config.servo
@@ -60,14 +81,15 @@ async def look_and_aim(job: Job, bench: Bench, position: Position, point: BoardP
     job.saw(look)
     try:
         tip = require_tip(look)
-        target = choose(look, tip, point, pose_map, bench, height_um)
+        target = choose(look, tip, point, pose_map, bench, height_um, prior)
     except Fault:
         job.note("look", describe(look, None, None))
         raise
     way = pose_map.correction((target.x_px, target.y_px), (tip.x_px, tip.y_px), look.position.theta_deg,
                               math.hypot(tip.sigma_px, target.sigma_px), height_um=height_um)  # fmt: skip
     job.note("look", describe(look, target, way))
-    return Aim(look, tip, target, way)
+    nominal = bench.geometry.from_tip_um(point.place_um, position)
+    return Aim(look, tip, target, way, (float(way.dx_um - nominal[0]), float(way.dy_um - nominal[1])))
 
 
 def require_tip(look: Look) -> Tip:
@@ -86,27 +108,33 @@ def refuse_unusable(missing: NotFound) -> None:
         raise Fault(Kind.FRAME_UNUSABLE, missing.message, reason=missing.reason.value)
 
 
-def choose(look: Look, tip: Tip, point: BoardPoint, pose_map: PoseMap, bench: Bench, height_um: float) -> TestPoint:
-    """Choose the pad that is `point` among those seen, by CAD's neighbourhood; never guess."""
+def choose(
+    look: Look, tip: Tip, point: BoardPoint, pose_map: PoseMap, bench: Bench, height_um: float, prior: Prior | None
+) -> TestPoint:
+    """Choose the pad that is `point` among those seen: by CAD's neighbourhood, else by its known place; never guess.
+
+    A target seen by its neighbourhood must not contradict what the look before found: then something moved.
+    """
     seen = look.seen
     if seen is None:
         raise Fault(Kind.TEST_POINT_NOT_FOUND, "the red picture was not searched")
     if isinstance(seen.nearest, NotFound):
         refuse_unusable(seen.nearest)
     servo, theta, tip_px = bench.config.servo, look.position.theta_deg, (tip.x_px, tip.y_px)
+    radius_px = point.diameter_um / 2 * pose_map.scale_px_per_um(tip_px)
 
     def places_um(pixels: list[tuple[float, float]]) -> Array:
         return pose_map.from_tip_um(pixels, tip_px, theta, height_um=height_um) if pixels else np.empty((0, 2))
 
     def hidden(places: Array) -> Sequence[bool]:
-        radius_px = point.diameter_um / 2 * pose_map.scale_px_per_um(tip_px)
         return needle_hides(tip, pose_map.to_px(places, tip_px, theta, height_um=height_um), radius_px)
 
+    cad = lookalikes(point, look.position, bench)
     pads = places_um([(p.x_px, p.y_px) for p in seen.taken])
     doubtful = places_um([(o.object.x_px, o.object.y_px) for o in seen.undecided])
     match = match_target(
         pads,
-        lookalikes(point, look.position, bench),
+        cad,
         max_shift_um=servo.max_placement_um,
         tolerance_um=servo.match_um,
         reach_um=servo.max_placement_um,
@@ -114,7 +142,15 @@ def choose(look: Look, tip: Tip, point: BoardPoint, pose_map: PoseMap, bench: Be
         hidden=hidden,
     )
     if isinstance(match, Match):
+        if prior is not None and prior.firm and math.dist(match.shift_um, prior.shift_um) > prior.trust_um:
+            raise Fault(Kind.AMBIGUOUS, f"{point.name}: what is seen now is not what was seen before")
         return seen.taken[match.index]
+    if prior is not None:
+        could_be = [*seen.taken, *seen.possible(radius_px)]
+        places = places_um([(p.x_px, p.y_px) for p in could_be])
+        index = match_near(places, cad, shift_um=prior.shift_um, trust_um=prior.trust_um)
+        if index is not None:
+            return could_be[index]
     objects = np.vstack([pads, doubtful])
     raise Fault(
         NO_MATCH[match.reason],

@@ -95,6 +95,24 @@ def match_target(
     return Match(best.seen, (float(best.shift[0]), float(best.shift[1])), best.agreeing)
 
 
+def match_near(
+    objects_um: ArrayLike, cad_um: ArrayLike, *, shift_um: tuple[float, float], trust_um: float
+) -> int | None:
+    """Return which object lies where the target is known to be, if it is alone there; else None.
+
+    `objects_um` (N, 2) and `cad_um` (M, 2, row 0 the target) as for `match_target`; `shift_um` is the placement error
+    known from elsewhere (a calibrated station's is small; a look later it is what the look before found), `trust_um`
+    how well. Unlike `match_target` it asks for no agreement of the surroundings, so strays farther off do not matter;
+    but within twice that distance CAD must have no other target of that size, or nothing is said.
+    """
+    objects = np.asarray(objects_um, dtype=float).reshape(-1, 2)
+    cad = np.asarray(cad_um, dtype=float).reshape(-1, 2)
+    if (np.linalg.norm(cad[1:] - cad[0], axis=1) <= 2.0 * trust_um).any():
+        return None
+    near = np.flatnonzero(np.linalg.norm(objects - cad[0] - np.asarray(shift_um), axis=1) <= trust_um)
+    return int(near[0]) if len(near) == 1 else None
+
+
 def _judge(
     j: int,
     objects: Array,

@@ -24,6 +24,10 @@ BATCHES = 12
 REACH = 5.0
 """Studentised residuals beyond this are outliers: 4 in a million of planar Gaussian ones."""
 FEW_ROWS = 6.0
+"""Rows at which the reach is doubled."""
+LEAST_FOR_SEARCH = 16
+"""With fewer rows a sharp bend of a sound head and an outlier look alike (searching doubles the
+error at 12 rows of appendix D), so only what is off from the circle altogether is named."""
 MOST_DOUBT = 15.0
 """A wide gap excuses a residual up to four times the usual, not without end."""
 CIRCLE_ROUNDS = 20
@@ -37,6 +41,8 @@ FLOOR_UM = 12.0
 def find_sound(theta_deg: Array, place: Complex, max_order: int) -> Flags:
     """Return (N,) True for the rows that agree with one smooth head, False for outliers."""
     near = _near_circle(theta_deg, place)
+    if len(place) < LEAST_FOR_SEARCH:
+        return near
     rows, core = len(place), max(LEAST_CORE, math.ceil(CORE_SHARE * len(place)))
     batch = max(1, (rows - core) // BATCHES)
     sound = near.copy()

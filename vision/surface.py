@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from vision.frames import Array
 from vision.projection import check_points
@@ -176,7 +176,7 @@ def _believable(design: Array, heights: Array, sigma_um: float) -> NDArray[np.bo
     freedom = kept_count - 3
     scatter = max(math.sqrt(float((residuals[kept] ** 2).sum()) / freedom) / TRIMMED_SIGMA, sigma_um, 1e-6)
     predicted = scatter * np.sqrt(1.0 + np.einsum("ni,ij,nj->n", design, inverse, design))
-    good = residuals <= float(student.ppf(CERTAIN, freedom)) * predicted
+    good = residuals <= float(stdtrit(freedom, CERTAIN)) * predicted
     good[kept] = True
     return np.asarray(good, dtype=bool)
 

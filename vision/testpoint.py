@@ -20,6 +20,9 @@ from vision.other_objects import other_objects
 from vision.probe_model import needle_outline
 from vision.round_objects import round_objects
 from vision.rules import (
+    EXPECTED_SHARE,
+    EXPECTED_SLACK_PX,
+    ROUND_COVERAGE,
     RULES,
     SITE_RADIUS_PX,
     WHOLE_VISIBLE,
@@ -55,6 +58,8 @@ INK_RULES, INK_LIKENESS = frozenset({"thin", "elongated", "ragged", "stroke_end"
 # Two pads whose centres are nearer than this share of the sum of their radii would lie on each other. A doubtful one is
 # explained by a pad only if it lies within it.
 OVERLAP_SHARE, EXPLAINED_SHARE = 0.8, 0.55
+# An undecided circle of which this share of the contour is free may be a pad, should a pad be known to lie there.
+NEARLY_WHOLE = 0.85
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +102,23 @@ class Seen:
 
     def __bool__(self) -> bool:
         return bool(self.nearest)
+
+    def possible(self, expected_radius_px: float) -> tuple[TestPoint, ...]:
+        """Return the undecided round things of that semi-major radius, seen nearly whole, nearest first.
+
+        A pad whose trace shows in the same opening of the mask may be one. None of them is a test point by its looks;
+        who knows from elsewhere that a pad lies just there may still take it (`constellation.match_near`).
+        """
+        slack = max(EXPECTED_SHARE * expected_radius_px, EXPECTED_SLACK_PX)
+        corner = self.window_px[0], self.window_px[1]
+        return tuple(
+            replace(_point(item, corner), rule="at_cad_place")
+            for item in self.undecided
+            if (circle := item.object.circle) is not None
+            and circle.visible >= NEARLY_WHOLE
+            and circle.coverage >= ROUND_COVERAGE
+            and abs(circle.radius_px - expected_radius_px) <= slack
+        )
 
 
 def find_test_points(

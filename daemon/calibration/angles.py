@@ -12,8 +12,8 @@ STEP_DEG = 1.8 / 32
 """The motor's finest step (thesis 6.2)."""
 FIRST_AXIS_DEG, LAST_AXIS_DEG = -220.0, 100.0
 """Head angles 140..360 and 0..100 as the axis counts them; between lies the forbidden band."""
-DEFAULT_ANGLES = 48
-"""Twice the 22 that a smooth model needs, still under a minute and a half."""
+DEFAULT_ANGLES = 32
+"""Half as many again as a smooth model needs, and still a minute and a half."""
 _HALF_STEP_DEG = STEP_DEG / 2
 
 

@@ -59,7 +59,7 @@ def map_(
 
 @group.command()
 def rotation(
-    angles: Annotated[int | None, typer.Option(help="So many head angles, evenly spread (48).")] = None,
+    angles: Annotated[int | None, typer.Option(help="So many head angles, evenly spread (32).")] = None,
     every: Annotated[float | None, typer.Option(help="Instead: at every so many degrees.")] = None,
     model: Annotated[
         Literal["auto", "fourier", "array", "circle"],

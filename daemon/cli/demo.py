@@ -26,6 +26,8 @@ from daemon.demo.session import LIMIT_UM, Landing, Session, SetUpError, choose_p
 from daemon.demo.settings import Places, write_settings
 
 app = typer.Typer()
+ROTATION_ANGLES = 24
+"""Enough for a smooth model of the head, half a minute."""
 
 
 @app.command()
@@ -88,6 +90,7 @@ def _run(places: Places, folder: Path, read: Board, *, seed: int, points: int, s
         with _processes(places, settings, folder, read.side, seed, speed) as (client, bench):
             session = Session(client, bench, read, seed, lambda text: progress.update(task, description=text))
             session.set_up()
+            session.calibrate_fully(ROTATION_ANGLES)
             chosen = choose_points(read, points)
             progress.update(task, total=len(chosen))
             landings = []

@@ -85,6 +85,13 @@ def choose_mark(board: Board) -> BoardPoint:
     return max(marks, key=lambda p: (p.kind == "fiducial", min(solitude_um(board, p), 4000.0), -p.diameter_um))
 
 
+def point_at_tip(bench: Bench, chance: random.Random) -> list[float]:
+    """Point at the needle's end as a person would on the page: well but not perfectly, a few times; return the mean."""
+    true_px = bench.ask("status")["tip_px"]
+    clicks = [[at + chance.gauss(0, CLICK_ERROR_PX) for at in true_px] for _ in range(CLICKS)]
+    return [sum(axis) / CLICKS for axis in zip(*clicks, strict=True)]
+
+
 class Session:
     """Set up and test; each step is told through `say`."""
 
@@ -97,12 +104,16 @@ class Session:
         """Home, teach the tip, calibrate the map."""
         self._say("homing")
         self._must("home")
-        self._say("teaching the tip")
-        self._must("place", board_um=[-BESIDE_BOARD_UM, self._board.height_um / 2], theta_deg=0.0)
-        self._must("calibrate", what="tip", tip_px=self._click())
+        self.teach_tip()
         mark = choose_mark(self._board)
         self._say(f"calibrating the map on {mark.name}")
         self._must("calibrate", what="map", test_point=mark.name, deadline_ms=LONG_MS)
+
+    def teach_tip(self) -> None:
+        """Drive beside the board and point at the needle's end."""
+        self._say("teaching the tip")
+        self._must("place", board_um=[-BESIDE_BOARD_UM, self._board.height_um / 2], theta_deg=0.0)
+        self._must("calibrate", what="tip", tip_px=point_at_tip(self._bench, self._random))
 
     def calibrate_fully(self, angles: int) -> None:
         """Calibrate the head's rotation, align the board, and measure the height of its surface."""
@@ -132,15 +143,6 @@ class Session:
         if result.error is not None:
             raise SetUpError(f"{op} failed: {result.error.message} ({result.error.name}); {result.error.advice}")
         return result
-
-    def _click(self) -> list[float]:
-        """Point at the needle's end as a person would on the page: well but not perfectly, a few times."""
-        x, y = self._bench.ask("status")["tip_px"]
-        clicks = [(x + self._off_px(), y + self._off_px()) for _ in range(CLICKS)]
-        return [sum(axis) / CLICKS for axis in zip(*clicks, strict=True)]
-
-    def _off_px(self) -> float:
-        return self._random.gauss(0, CLICK_ERROR_PX)
 
     def _angle(self) -> float:
         """Draw an allowed head angle that the motor can stand at: a multiple of 0.05625 degrees."""

@@ -8,8 +8,8 @@ from typing import Literal
 
 GAP_MS, STILL_MS, LIT_MS = 3.0, 60.0, 40.0
 """Silence on the line, and how long the head and a lamp take to be steady, on a station whose time is the clock's."""
-REPLY_MS, HURRIED_REPLY_MS = 200.0, 1500.0
-"""How long a slave may take to answer; hurried stations are run several at a time, and then the computer is slow."""
+REPLY_MS = 200.0
+"""How long a slave may take to answer; more where several stations share a computer, which then is what is slow."""
 
 _TOML = """\
 # Written by `reprobe demo`. A real station differs in names of ports only.
@@ -127,7 +127,13 @@ class Places:
         return f"ipc://{self.sockets / name}"
 
 
-def write_settings(places: Places, *, speed: float = 1.0, pictures: Literal["failed", "all", "none"] = "all") -> Path:
+def write_settings(
+    places: Places,
+    *,
+    speed: float = 1.0,
+    reply_ms: float = REPLY_MS,
+    pictures: Literal["failed", "all", "none"] = "all",
+) -> Path:
     """Write station.toml and return its path.
 
     On a station whose time runs `speed` times as fast, what the daemon waits for by the clock is over as much sooner.
@@ -138,7 +144,7 @@ def write_settings(places: Places, *, speed: float = 1.0, pictures: Literal["fai
         _TOML.format(
             line=places.line, camera=places.socket("camera"), control=places.socket("control"),
             events=places.socket("events"), pictures=pictures, gap_ms=GAP_MS / speed,
-            reply_ms=HURRIED_REPLY_MS if speed > 1.0 else REPLY_MS, still_ms=STILL_MS / speed,
+            reply_ms=reply_ms, still_ms=STILL_MS / speed,
             lit_ms=LIT_MS / speed,
         )
     )  # fmt: skip

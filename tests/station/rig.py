@@ -15,7 +15,7 @@ from daemon.cad import import_board
 from daemon.client import Client
 from daemon.demo.processes import Bench, Process, wait_for_daemon
 from daemon.demo.session import Session
-from daemon.demo.settings import Places, write_settings
+from daemon.demo.settings import REPLY_MS, Places, write_settings
 
 ROOT = Path(__file__).parents[2]
 EVENTUALLY_S = 20.0
@@ -82,6 +82,7 @@ def running_rig(
     folder: Path = DEMO_BOARD,
     side: Literal["top", "bottom"] = "top",
     waits_for_speed: float = 1.0,
+    reply_ms: float = REPLY_MS,
     pictures: Literal["failed", "all", "none"] = "all",
 ) -> Iterator[Rig]:
     """Start the simulated station and a daemon on it; `waits_for_speed` shortens what the daemon waits for by clock."""
@@ -89,7 +90,7 @@ def running_rig(
     (out / "board.json").write_text(board.model_dump_json())
     with tempfile.TemporaryDirectory(prefix="reprobe-") as sockets:
         places = Places(out, Path(sockets))
-        write_settings(places, speed=waits_for_speed, pictures=pictures)
+        write_settings(places, speed=waits_for_speed, reply_ms=reply_ms, pictures=pictures)
         sim_arguments = [
             "sim_hw", "--board", str(folder), "--side", side, "--seed", str(seed), "--line", places.line,
             "--camera", places.socket("camera"), "--bench", places.socket("bench"),

@@ -198,3 +198,20 @@ def test_a_mirrored_picture_is_refused_and_the_old_map_stays(rig: Rig, rotated: 
     assert failed.error is not None
     assert failed.error.name in ("calibration_failed", "test_point_not_found", "frame_unusable")
     assert (_folder(rig) / "map.json").read_bytes() == before
+
+
+def test_without_a_map_the_rotation_walks_one_on_the_control_point(rig: Rig, rotated: JobResult) -> None:
+    """A new needle makes map, rotation and surface void; the rotation then begins with fixed steps (table 6.1)."""
+    assert rotated.ok
+    with rig.client() as client:
+        session = rig.session(client)
+        session.teach_tip()
+        made_at = client.request("status")["calibration"]["made_at"]
+        assert not {"map", "rotation", "surface"} & set(made_at)
+        refused = client.job("correct", test_point="TP8")
+        assert refused.error is not None
+        assert refused.error.name == "not_calibrated"
+        again = _calibrate(client, "rotation", angles=6, model="circle")
+    assert again.error is None, again.error
+    assert _record(rig, "map")["mark"] == "control point"
+    assert list((_folder(rig) / "history").glob("rotation-*.json"))

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vision.constellation import Match, NoMatch, match_target
+from vision.constellation import Match, NoMatch, match_near, match_target
 
 LIMITS = {"max_shift_um": 700.0, "tolerance_um": 100.0, "reach_um": 700.0}
 
@@ -73,6 +73,30 @@ def test_a_doubtful_object_that_may_be_the_target_is_never_taken() -> None:
     pair = [(0.0, 0.0), (450.0, 0.0)]
     answer = match_target([(500.0, 0.0)], pair, **LIMITS, doubtful_um=[(50.0, 0.0)])
     assert answer == NoMatch("ambiguous", (0, 1)), "the pad seen may be the neighbour, and its partner the one in doubt"
+
+
+def test_where_the_place_is_known_strays_farther_off_do_not_matter() -> None:
+    """A stroke of silkscreen taken for a via contradicts the neighbourhood, but not a place known beforehand."""
+    objects = [(1900.0, 300.0), (25.0, -10.0)]
+    assert match_target(objects, [(0.0, 0.0)], **{**LIMITS, "max_shift_um": 2500.0}).__class__ is NoMatch
+    assert match_near(objects, [(0.0, 0.0)], shift_um=(0.0, 0.0), trust_um=120.0) == 1
+    assert match_near(objects, [(0.0, 0.0)], shift_um=(1900.0, 250.0), trust_um=120.0) == 0
+
+
+@pytest.mark.parametrize(
+    ("objects", "cad"),
+    [
+        ([], [(0.0, 0.0)]),
+        ([(130.0, 0.0)], [(0.0, 0.0)]),
+        ([(30.0, 0.0), (-60.0, 20.0)], [(0.0, 0.0)]),
+        ([(30.0, 0.0)], [(0.0, 0.0), (200.0, 100.0)]),
+    ],
+    ids=["nothing", "too far off", "two of them", "CAD has a neighbour as near"],
+)
+def test_a_known_place_decides_nothing_unless_one_thing_alone_is_there(
+    objects: list[tuple[float, float]], cad: list[tuple[float, float]]
+) -> None:
+    assert match_near(objects, cad, shift_um=(0.0, 0.0), trust_um=120.0) is None
 
 
 place = st.tuples(st.floats(-2000, 2000), st.floats(-2000, 2000))
