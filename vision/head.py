@@ -54,15 +54,17 @@ class CircleHead:
 class FourierHead:
     """A head as a complex Fourier series: `x + iy = sum of c_k exp(i k theta)`, k = -K..-1, 1..K.
 
-    `coefficients_um` holds the 2K complex c_k in that order. k = 1 is the circle; the constant term belongs to the
-    control point and is not here. ValueError for an odd number of coefficients or one that is not finite.
+    `coefficients_um` holds the 2K complex c_k in that order; k = 1 is the circle. `constant_um` is k = 0, which no
+    record can tell from the control point's place: it is a convention (`head_fit`). ValueError for an odd number of
+    coefficients or one that is not finite.
     """
 
     coefficients_um: tuple[complex, ...]
+    constant_um: complex = 0j
 
     def __post_init__(self) -> None:
         count = len(self.coefficients_um)
-        if count == 0 or count % 2 or not all(cmath.isfinite(c) for c in self.coefficients_um):
+        if count == 0 or count % 2 or not all(map(cmath.isfinite, (*self.coefficients_um, self.constant_um))):
             raise ValueError(f"{count} Fourier coefficients: needed are two per harmonic, all finite; {_AGAIN}")
 
     @property
@@ -74,7 +76,8 @@ class FourierHead:
         """Return tip minus head position in the robot frame, shape (2,), um."""
         turn, order = math.radians(theta_deg % TURN_DEG), self.order
         harmonics = (*range(-order, 0), *range(1, order + 1))
-        return _vector(sum(c * cmath.rect(1.0, k * turn) for k, c in zip(harmonics, self.coefficients_um, strict=True)))
+        waves = (c * cmath.rect(1.0, k * turn) for k, c in zip(harmonics, self.coefficients_um, strict=True))
+        return _vector(sum(waves, self.constant_um))
 
 
 @dataclass(frozen=True)
@@ -119,7 +122,8 @@ def head_to_dict(head: Head) -> dict[str, Any]:
         case CircleHead():
             return {"kind": "circle", **_circle_dict(head)}
         case FourierHead():
-            return {"kind": "fourier", "coefficients_um": [[c.real, c.imag] for c in head.coefficients_um]}
+            pairs = [[c.real, c.imag] for c in (head.constant_um, *head.coefficients_um)]
+            return {"kind": "fourier", "constant_um": pairs[0], "coefficients_um": pairs[1:]}
         case ArrayHead():
             columns = {"theta_deg": head.theta_deg, "dx_um": head.dx_um, "dy_um": head.dy_um}
             return {"kind": "array", **_circle_dict(head.circle), **{name: list(v) for name, v in columns.items()}}
@@ -133,7 +137,8 @@ def head_from_dict(raw: Any) -> Head:
             case "circle":
                 return _circle(raw)
             case "fourier":
-                return FourierHead(tuple(complex(*_numbers(pair, 2)) for pair in raw["coefficients_um"]))
+                terms = [complex(*_numbers(pair, 2)) for pair in (raw["constant_um"], *raw["coefficients_um"])]
+                return FourierHead(tuple(terms[1:]), terms[0])
             case "array":
                 return ArrayHead(_circle(raw), *(_numbers(raw[name]) for name in ("theta_deg", "dx_um", "dy_um")))
             case kind:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -41,8 +41,9 @@ FAINT_UM = 1.0
 class HeadFit:
     """A fitted head and how far it can be trusted.
 
-    head: the model. order: highest harmonic of a Fourier series, else None. control_um: the control point C as the fit
-    sees it; it holds whatever is constant in the robot frame, so use it with this head only. circle: through the rows
+    head: the model. order: highest harmonic of a Fourier series, else None. control_um: the control point C; by
+    convention the circle's centre, for nothing that is constant in the robot frame can be told from it (of a plain
+    circle its own). circle: through the rows
     used. residuals_um: (N, 2) model minus measured head position, every row. used: (N,) False for outliers. rms_um: of
     the residuals' lengths, rows used. holdout_rms_um, holdout_max_um: of the same rows, each left out in turn.
     largest_gap_deg: between neighbouring angles used; the part of a gap in the forbidden band does not count.
@@ -140,6 +141,8 @@ def head_positions_um(head: Head, control_um: tuple[float, float], theta_deg: Ar
 
 def _judged(best: _Candidate, theta: Array, points: Array, used: Flags) -> HeadFit:
     """Put the result together, with residuals for every row."""
+    circle = fit_circle(*points[used].T)
+    best = _anchored(best, complex(*circle.centre_um))
     control = (float(best.control.real), float(best.control.imag))
     residuals = head_positions_um(best.head, control, theta) - points
     return HeadFit(
@@ -147,7 +150,7 @@ def _judged(best: _Candidate, theta: Array, points: Array, used: Flags) -> HeadF
         best.kind,
         best.order,
         control,
-        fit_circle(*points[used].T),
+        circle,
         residuals,
         used,
         rms(np.hypot(*residuals[used].T)),
@@ -155,6 +158,23 @@ def _judged(best: _Candidate, theta: Array, points: Array, used: Flags) -> HeadF
         float(best.holdout_um.max()),
         largest_gap_deg(theta[used]),
     )
+
+
+def _anchored(best: _Candidate, centre: complex) -> _Candidate:
+    """Say that the control point is the circle's centre, which two records of one head agree on.
+
+    What a series makes of the forbidden band decides over its own constant, and differs by tens of um from record to
+    record; a board aligned by one calibration would then be off by as much in the next.
+    """
+    aside = centre - best.control
+    match best.head:
+        case FourierHead() as head:
+            return replace(best, head=replace(head, constant_um=aside), control=centre)
+        case ArrayHead() as head:
+            dx, dy = (tuple(v + c for v in vs) for vs, c in ((head.dx_um, aside.real), (head.dy_um, aside.imag)))
+            return replace(best, head=replace(head, dx_um=dx, dy_um=dy), control=centre)
+        case _:
+            return best
 
 
 def _check_circle(theta: Array, place: Complex) -> None:

@@ -141,8 +141,22 @@ def test_a_head_of_few_harmonics_comes_back_as_it_is() -> None:
     truth = np.column_stack([wobbly(everywhere).real, wobbly(everywhere).imag])
     assert fit.kind == "fourier"
     assert fit.order == 3
-    assert fit.control_um == pytest.approx((1000.0, -2000.0), abs=0.1)
-    assert np.abs(tip_offsets_um(fit.head, everywhere) - truth).max() < 0.1
+    heads = head_positions_um(fit.head, fit.control_um, everywhere)
+    assert np.abs(heads - ((1000.0, -2000.0) - truth)).max() < 0.1
+
+
+def test_two_records_of_one_head_agree_on_the_control_point() -> None:
+    """Whatever is constant in the robot frame is a convention; a board aligned by one must lie as well by the other."""
+    rng = np.random.default_rng(5)
+    rows = rebuilt_record()
+    for kind in ("fourier", "array"):
+        fits = []
+        for first in (0, 5):
+            noisy = rows[first::10].copy()
+            noisy[:, 1:] += rng.normal(0.0, 6.0, noisy[:, 1:].shape)
+            fits.append(fit_head(*noisy.T, model=kind))
+        assert math.dist(fits[0].control_um, fits[1].control_um) < 15.0
+        assert fits[0].control_um == pytest.approx(fits[0].circle.centre_um)
 
 
 def test_a_perfect_head_comes_back_as_a_circle_of_any_kind() -> None:
