@@ -9,11 +9,11 @@ import numpy as np
 from daemon.board import BoardPoint
 from daemon.calibration.keeping import Began, keep
 from daemon.calibration.records import Aligned, AlignmentRecord
-from daemon.correction import UNCLEAR, sidestep_um
+from daemon.correction import sidestep_um
 from daemon.faults import Fault, Kind
 from daemon.job import Bench, Job, Outcome
 from daemon.messages import Align
-from daemon.sighting import Aim, look_and_aim
+from daemon.sighting import UNCLEAR, Aim, look_and_aim
 from daemon.states import Event
 from daemon.tour import Tour, shifted
 from drivers.gantry import Position

@@ -223,7 +223,7 @@ class ServoSection(Section):
     """When a correction is good, and when it must give up."""
 
     tolerance_um: Positive = Field(default=15.0, description="on target within this")
-    max_moves: int = Field(default=5, ge=1, le=10)
+    max_moves: int = Field(default=8, ge=1, le=20)
     max_placement_um: Positive = Field(default=700.0, description="largest placement error that can be corrected")
     scatter_um: Positive = Field(
         default=40.0, description="3 sigma of two stops' scatter: below it errors grow by chance"

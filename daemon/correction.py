@@ -10,13 +10,11 @@ from daemon.board import BoardPoint
 from daemon.faults import Fault, Kind
 from daemon.job import Bench, Job, Outcome
 from daemon.messages import Correct
-from daemon.sighting import STILL_UM, Aim, Prior, known_beforehand, look_and_aim
+from daemon.sighting import STILL_UM, UNCLEAR, Aim, Prior, known_beforehand, look_and_aim
 from daemon.states import Event
 from drivers.gantry import Position
 from vision.posemap import PoseMap
 
-UNCLEAR = frozenset({Kind.UNDECIDED, Kind.AMBIGUOUS, Kind.TEST_POINT_NOT_FOUND})
-"""What another point of view may clear up. A tip that is not found is none of these: nothing moves without it."""
 SIDESTEP_MARGIN_PX = 4.0
 
 

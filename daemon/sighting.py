@@ -20,8 +20,10 @@ from vision.hiding import needle_hides
 from vision.posemap import Correction, PoseMap
 
 UNUSABLE = frozenset({Reason.TOO_DARK, Reason.SATURATED, Reason.BLURRED, Reason.OUT_OF_FRAME})
-STILL_UM = 80.0
-"""From one look of a job to the next the target is where it was, within the stops' scatter and the sight's errors."""
+STILL_UM = 45.0
+"""From one look of a job to the next the target is where it was, within five sigma of the stops' scatter."""
+UNCLEAR = frozenset({Kind.UNDECIDED, Kind.AMBIGUOUS, Kind.TEST_POINT_NOT_FOUND})
+"""What another point of view may clear up. A tip that is not found is none of these: nothing moves without it."""
 NO_MATCH = {
     "none_near": Kind.TEST_POINT_NOT_FOUND,
     "undecided": Kind.UNDECIDED,
@@ -71,7 +73,22 @@ def known_beforehand(bench: Bench) -> Prior | None:
 async def look_and_aim(
     job: Job, bench: Bench, position: Position, point: BoardPoint, pose_map: PoseMap, prior: Prior | None = None
 ) -> Aim:
-    """Take one look from `position` and find the way to `point`; a `Fault` says what could not be seen."""
+    """Look from `position` and find the way to `point`; a `Fault` says what could not be seen.
+
+    What is unclear is looked at once more from the same place: the camera's noise is another, nothing moves.
+    """
+    try:
+        return await _aim(job, bench, position, point, pose_map, prior)
+    except Fault as unclear:
+        if unclear.kind not in UNCLEAR and unclear.kind is not Kind.TIP_NOT_FOUND:
+            raise
+    return await _aim(job, bench, position, point, pose_map, prior)
+
+
+async def _aim(
+    job: Job, bench: Bench, position: Position, point: BoardPoint, pose_map: PoseMap, prior: Prior | None
+) -> Aim:
+    """Take one look."""
     model = bench.calibrations.require_probe()
     servo = bench.config.servo
     reach_um = servo.max_placement_um + servo.match_um
@@ -111,9 +128,9 @@ def refuse_unusable(missing: NotFound) -> None:
 def choose(
     look: Look, tip: Tip, point: BoardPoint, pose_map: PoseMap, bench: Bench, height_um: float, prior: Prior | None
 ) -> TestPoint:
-    """Choose the pad that is `point` among those seen: by CAD's neighbourhood, else by its known place; never guess.
+    """Choose the pad that is `point` among those seen: by CAD's neighbourhood or by its known place; never guess.
 
-    A target seen by its neighbourhood must not contradict what the look before found: then something moved.
+    Where the neighbourhood calls for a pad far from the known place, and one thing alone lies there, it is that.
     """
     seen = look.seen
     if seen is None:
@@ -141,16 +158,21 @@ def choose(
         doubtful_um=doubtful,
         hidden=hidden,
     )
-    if isinstance(match, Match):
-        if prior is not None and prior.firm and math.dist(match.shift_um, prior.shift_um) > prior.trust_um:
-            raise Fault(Kind.AMBIGUOUS, f"{point.name}: what is seen now is not what was seen before")
+    far = isinstance(match, Match) and prior is not None and (
+        math.dist(match.shift_um, prior.shift_um) > prior.trust_um
+    )  # fmt: skip
+    if isinstance(match, Match) and not far:
         return seen.taken[match.index]
     if prior is not None:
-        could_be = [*seen.taken, *seen.possible(radius_px)]
+        could_be = [*seen.taken, *seen.possible(radius_px, followed=prior.firm)]
         places = places_um([(p.x_px, p.y_px) for p in could_be])
         index = match_near(places, cad, shift_um=prior.shift_um, trust_um=prior.trust_um)
         if index is not None:
             return could_be[index]
+    if isinstance(match, Match):
+        if prior is not None and prior.firm:
+            raise Fault(Kind.AMBIGUOUS, f"{point.name}: what is seen now is not what was seen before")
+        return seen.taken[match.index]
     objects = np.vstack([pads, doubtful])
     raise Fault(
         NO_MATCH[match.reason],

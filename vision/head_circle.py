@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import least_squares
 
 from vision.head import Array
 
@@ -33,6 +32,8 @@ def fit_circle(x_um: ArrayLike, y_um: ArrayLike) -> CircleFit:
 
     Raises ValueError for fewer than three points, numbers that are not finite, or points on a line.
     """
+    from scipy.optimize import least_squares  # noqa: PLC0415  # slow to load, and only calibrations need it
+
     points = planar(x_um, y_um)
     if len(points) < LEAST_POINTS:
         raise ValueError(f"{len(points)} points; a circle needs at least {LEAST_POINTS}")

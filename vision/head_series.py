@@ -3,7 +3,7 @@
 `place(theta) = sum of c_k exp(i k theta)`, k = -K..K, fitted by least squares with a mild prior: seen from the turning
 head the run-out (`place exp(-i theta)`, harmonic k - 1) is smooth, so a harmonic is held back by |k - 1|^3; the
 control point (k = 0) and the circle (k = 1) are free. How strongly is chosen by leave-one-out. On appendix D this
-predicts better than picking an order, from 12 to 48 angles, and never worse from there on (`tests/bench/head.py`).
+predicts better than picking an order, from 12 to 48 angles, and as well from there on (`tests/bench/head.py`).
 """
 
 from __future__ import annotations

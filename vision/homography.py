@@ -7,7 +7,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from vision.frames import Array, rotation
 
@@ -96,6 +95,8 @@ class _Problem:
 
     def solve(self, used: NDArray[np.bool_], loss: Literal["linear", "soft_l1"]) -> Array:
         """Return the parameters."""
+        from scipy.optimize import least_squares  # noqa: PLC0415  # slow to load, and only calibrations need it
+
         # Without perspective all is linear: the exact start.
         blank, columns = np.zeros(self._size), [*range(6), *range(8, self._size)]
         start = blank.copy()

@@ -20,8 +20,7 @@ from vision.other_objects import other_objects
 from vision.probe_model import needle_outline
 from vision.round_objects import round_objects
 from vision.rules import (
-    EXPECTED_SHARE,
-    EXPECTED_SLACK_PX,
+    DOUBTFUL_RATIO,
     ROUND_COVERAGE,
     RULES,
     SITE_RADIUS_PX,
@@ -35,6 +34,7 @@ from vision.rules import (
     decide,
     is_clear,
     is_via,
+    stroke_end,
 )
 from vision.tip import Tip
 from vision.view import UNKNOWN_VIEW, View
@@ -59,7 +59,9 @@ INK_RULES, INK_LIKENESS = frozenset({"thin", "elongated", "ragged", "stroke_end"
 # explained by a pad only if it lies within it.
 OVERLAP_SHARE, EXPLAINED_SHARE = 0.8, 0.55
 # An undecided circle of which this share of the contour is free may be a pad, should a pad be known to lie there.
-NEARLY_WHOLE = 0.85
+NEARLY_WHOLE = 0.8
+# It meets CAD's radius within this share (but at least this many px): the end of a trace is narrower than its pad.
+POSSIBLE_SHARE, POSSIBLE_SLACK_PX = 0.08, 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,20 +105,23 @@ class Seen:
     def __bool__(self) -> bool:
         return bool(self.nearest)
 
-    def possible(self, expected_radius_px: float) -> tuple[TestPoint, ...]:
-        """Return the undecided round things of that semi-major radius, seen nearly whole, nearest first.
+    def possible(self, expected_radius_px: float, *, followed: bool = False) -> tuple[TestPoint, ...]:
+        """Return the undecided round things of that semi-major radius, seen nearly whole and not too oval.
 
-        A pad whose trace shows in the same opening of the mask may be one. None of them is a test point by its looks;
-        who knows from elsewhere that a pad lies just there may still take it (`constellation.match_near`).
+        A pad whose trace shows in the same opening of the mask may be one; so may, of a pad that is `followed` from an
+        earlier look, what was thrown for going on like a stroke. None of them is a test point by its looks; who knows
+        from elsewhere that a pad lies just there may still take it (`constellation.match_near`).
         """
-        slack = max(EXPECTED_SHARE * expected_radius_px, EXPECTED_SLACK_PX)
+        slack = max(POSSIBLE_SHARE * expected_radius_px, POSSIBLE_SLACK_PX)
         corner = self.window_px[0], self.window_px[1]
+        strokes = [item for item in self.thrown if followed and item.rule == stroke_end.__name__]
         return tuple(
-            replace(_point(item, corner), rule="at_cad_place")
-            for item in self.undecided
+            replace(_point(item, corner), rule="at_known_place")
+            for item in (*self.undecided, *strokes)
             if (circle := item.object.circle) is not None
             and circle.visible >= NEARLY_WHOLE
             and circle.coverage >= ROUND_COVERAGE
+            and circle.ratio >= DOUBTFUL_RATIO
             and abs(circle.radius_px - expected_radius_px) <= slack
         )
 

@@ -16,12 +16,13 @@ from vision.caliper import Line
 from vision.image import Bgr, Gray, check_bgr, check_exposure, despike, gray
 from vision.notfound import NotFound, Reason
 from vision.probe_model import ProbeModel
-from vision.tip_checks import check_direction, first_problem, no_marking, wrong
+from vision.tip_checks import check_direction, first_problem
 from vision.tip_diagnosis import name_it
 from vision.tip_glint import without_glint
 from vision.tip_needle import Measured, coarse_shift, measure, sight
 from vision.tip_search import Match, region, search
 from vision.tip_strip import NeedleShape
+from vision.tip_verdicts import no_marking, wrong
 
 # A lit board or base plate is brighter than this; the needle may be missing, so it is not asked.
 DARK_LEVEL = 12.0

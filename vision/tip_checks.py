@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vision.caliper import Floats
 from vision.notfound import NotFound, Reason
 from vision.probe_model import ProbeModel
+from vision.tip_edges import EdgePoints
 from vision.tip_needle import Measured
 from vision.tip_shade import shade_px
+from vision.tip_sides import check_sides
 from vision.tip_strip import middle
+from vision.tip_verdicts import blurred, no_marking, wrong
 
 # Share of the calipers that must lie on the fitted silhouette.
 LEAST_SUPPORT = 0.5
@@ -18,13 +22,15 @@ LEAST_SUPPORT = 0.5
 TURNED_LEAD, DOUBTFUL_LEAD, LEAST_TURN_DEG, LEAST_SHOWN_STRAIGHT = 0.25, 0.1, 3.5, 0.38
 # Share of the cylinder's length along which it may be as bright beyond its edge as within.
 MOST_METAL_BEYOND = 0.9
+# Beside the marking a bright ground is at least so bright, as a share of what it is beside the metal.
+SAME_GROUND = 0.6
 # How far things may differ from what was taught before the needle counts as another or as damaged.
 TURN_LIMIT_DEG = 4.0
 BEND_LIMIT_PX = 2.0
 BEND_CERTAIN_SIGMAS = 4.0
 WIDTH_LIMIT_PX = 1.5
 MARKING_LENGTH_LIMIT_PX = 2.5
-SHIFTED_MARKING_LIMIT_PX = 3.5
+SHIFTED_MARKING_LIMIT_PX, SHIFTED_BETWEEN_GROUNDS_PX = 3.5, 5.0
 # A glint may hide where the light ends along half of the taper.
 SHADE_LIMIT_PX, LEAST_SHADE_SHARE = 3.0, 0.35
 LEAST_MARKING_CONTRAST = 0.35
@@ -37,25 +43,6 @@ SIDES_AGREE_PX = 4.0
 # The rim's steepest slope over the step from marking to metal, 1/px: 0.22 at a lens blur of 1 px, 0.19 at 1.4 px,
 # 0.14 at 2.5 px (a Gaussian of the blur and the caliper's 1.5 px together).
 LEAST_SHARPNESS = 0.12
-BLURRED_ADVICE = "clean the lens, check its focus, or wait longer for the head to settle"
-OTHER_ADVICE = "is another needle mounted, or is the background too busy here? Look from another place, or teach again"
-
-
-def blurred(sharpness: float, least: float) -> NotFound:
-    """Return the verdict on a picture that is not sharp."""
-    return NotFound(
-        Reason.BLURRED, f"the picture is blurred (sharpness {sharpness:.3f}, {least:.3f} is needed): {BLURRED_ADVICE}"
-    )
-
-
-def no_marking(fact: str) -> NotFound:
-    """Return the verdict on a marking that is not there or not as taught."""
-    return NotFound(Reason.NO_MARKING, f"{fact}: clean the needle or renew the marking, then teach again")
-
-
-def wrong(fact: str) -> NotFound:
-    """Return the verdict on a needle that does not look like the taught one."""
-    return NotFound(Reason.WRONG_NEEDLE, f"{fact}: {OTHER_ADVICE}")
 
 
 def check_direction(angle_rad: float, model: ProbeModel) -> NotFound | None:
@@ -94,7 +81,7 @@ def check_straight(needle: Measured, _: ProbeModel) -> NotFound | None:
 
 def first_problem(needle: Measured, model: ProbeModel) -> NotFound | None:
     """Return the first thing that makes the measured needle another than the taught one, or None."""
-    for check in (check_light, check_marking, check_straight, check_shape):
+    for check in (check_light, check_marking, check_straight, check_sides, check_shape):
         problem = check(needle, model)
         if problem is not None:
             return problem
@@ -145,8 +132,8 @@ def check_shape(needle: Measured, model: ProbeModel) -> NotFound | None:
     beyond = metal_beyond(needle, model)
     if beyond > MOST_METAL_BEYOND:
         return wrong(f"the metal goes on beyond the taught edge along {100 * beyond:.0f} % of the cylinder")
-    moved = _moved(needle, model)
-    if abs(moved) > SHIFTED_MARKING_LIMIT_PX:
+    moved, limit = _moved(needle, model)
+    if abs(moved) > limit:
         return no_marking(f"the marking sits {moved:+.1f} px from where the taper's width says it was taught")
     return None
 
@@ -173,7 +160,9 @@ def metal_beyond(needle: Measured, model: ProbeModel) -> float:
     """Return along how much (0..1) of the needle it is as bright outside as the metal is, on the worse side.
 
     A thicker needle whose highlight was taken for an edge does that all along its cylinder, and beside the thick half
-    of its taper, or its marking goes on there too. A pad or lettering behind it may do so beside one of them.
+    of its taper, or its marking goes on there too. A pad or lettering behind it may do so beside one of them, and a
+    bright ground does so beside both: but the black band of the needle's own marking would go on through its metal,
+    where a ground stays as bright as it is.
     """
     outline, axis = model.outline, needle.axis
     half_px = outline.rim_half_px(-model.h_px)
@@ -184,14 +173,17 @@ def metal_beyond(needle: Measured, model: ProbeModel) -> float:
         if side == outline.dim_side:
             continue
         grown = edge + wider * np.where(outline.on_taper, axis.taper_wider_px, axis.cylinder_wider_px)
-        shares = []
+        shares, levels = [], []
         for part in (taper, cylinder):
             inside = middle(_levels(needle, outline.u_px[part], grown[part] - 3.0 * side))
             outside = _levels(needle, outline.u_px[part], grown[part] + 4.0 * side)
             bright = int(np.count_nonzero(outside > 0.75 * min(inside, needle.metal)))
             shares.append(bright / max(outside.size, 1))
+            levels.append(middle(outside))
         marked = np.arange(needle.rim1_u_px + 8.0, needle.rim2.u_px - 8.0, 2.0)
         beside = middle(_levels(needle, marked, np.full(marked.size, side * (half_px + 4.0))))
+        if beside > SAME_GROUND * min(levels):
+            continue
         goes_on = beside < needle.dark + 0.25 * (needle.metal - needle.dark)
         worst = max(worst, shares[1] if goes_on else min(shares))
     return worst
@@ -207,21 +199,34 @@ def _levels(needle: Measured, u_px: Floats, off_axis_px: Floats) -> Floats:
     return np.asarray(strip.pixels[rows[keep], columns[keep]], dtype=np.float64)
 
 
-def _moved(needle: Measured, model: ProbeModel) -> float:
-    """Return how far (px) the marking lies from where it was taught: the taper's width tells where the end is.
+def _moved(needle: Measured, model: ProbeModel) -> tuple[float, float]:
+    """Return how far the marking lies from where it was taught, by the taper's width, and how far it may, px.
 
-    A brighter background or more blur makes taper and cylinder look narrower alike: the cylinder tells by how much.
-    Half a pixel of width is 3 px of place, so only edges before a background darker than the metal count, and both
-    sides must say it: a moved marking shows on both, a line of silkscreen beside the needle on one. 0 when unknown.
+    A bright ground or more blur makes taper and cylinder look wider or narrower alike: the cylinder tells by how much.
+    Half a pixel of width is 3 px of place, so edges of taper and cylinder are compared before grounds that are both
+    darker, or both brighter, than the metal, and where too few are, before both, which tells less. Both sides must say
+    it: a moved marking shows on both, a line of silkscreen beside the needle on one. 0 when unknown.
     """
     points, axis = needle.points, needle.axis
     beyond = points.side * (points.v_px - axis.a_px - axis.b * points.u_px - points.taught_px)
-    sides = []
+    sides, limit = [], SHIFTED_MARKING_LIMIT_PX
     for side in (-1.0, 1.0):
-        parts = [points.brightens & (points.side == side) & (points.on_taper == on_taper) for on_taper in (True, False)]
-        if min(int(np.count_nonzero(part)) for part in parts) < LEAST_SIDE_POINTS:
-            return 0.0
-        wider = middle(beyond[parts[0]]) - middle(beyond[parts[1]])
+        own = points.side == side
+        wider = _taper_wider(points, beyond, own & points.brightens)
+        if wider is None:
+            wider = _taper_wider(points, beyond, own & ~points.brightens)
+        if wider is None:
+            wider, limit = _taper_wider(points, beyond, own), SHIFTED_BETWEEN_GROUNDS_PX
+        if wider is None:
+            return 0.0, limit
         sides.append(wider / model.shape.taper_slope - needle.rim2.u_px - model.h_px)
     agree = sides[0] * sides[1] > 0.0 and abs(sides[0] - sides[1]) < SIDES_AGREE_PX
-    return min(sides, key=abs) if agree else 0.0
+    return (min(sides, key=abs) if agree else 0.0), limit
+
+
+def _taper_wider(points: EdgePoints, beyond_px: Floats, own: NDArray[np.bool_]) -> float | None:
+    """Return how much wider the taper is than the cylinder by the `own` points (N,), px; None when they are too few."""
+    parts = [own & (points.on_taper == on_taper) for on_taper in (True, False)]
+    if min(int(np.count_nonzero(part)) for part in parts) < LEAST_SIDE_POINTS:
+        return None
+    return middle(beyond_px[parts[0]]) - middle(beyond_px[parts[1]])

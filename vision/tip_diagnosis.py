@@ -12,11 +12,12 @@ from vision.caliper import Floats, derivative
 from vision.image import SATURATED_LEVEL, Gray, Plane
 from vision.notfound import NotFound, Reason
 from vision.probe_model import ProbeModel
-from vision.tip_checks import TURN_LIMIT_DEG, blurred
+from vision.tip_checks import TURN_LIMIT_DEG
 from vision.tip_needle import Sighting, sight
 from vision.tip_outline import EdgePairs
 from vision.tip_search import search
 from vision.tip_strip import Strip, quantiles, straighten
+from vision.tip_verdicts import blurred
 
 # Directions a needle may have been turned to.
 WIDE_TURNS_DEG = tuple(float(d) for d in np.arange(-18.0, 18.1, 3.0))
@@ -25,8 +26,8 @@ LEAST_TURNED, TURNED_LEAD = 0.5, 0.12
 # Share of clipped pixels round the needle from which its edges say nothing.
 MOST_CLIPPED = 0.2
 LEAST_STRIP_SHARPNESS = 0.08
-# Correlation with the golden template: 0.6 and more when blurred by 4 px and more, under 0.4 without a needle.
-LIKE_A_NEEDLE = 0.5
+# Correlation with the golden template: 0.9 and more when blurred by 4 px and more, 0.55 at most without a needle.
+LIKE_A_NEEDLE = 0.7
 SIDE_SPARE_PX = 24
 # A bar shows both edges on so much of its length (0..1); the taught width beside it shows no more than that.
 LEAST_BAR, MOST_OF_OWN, MOST_OWN_BAR = 0.55, 0.85, 0.35
@@ -110,7 +111,8 @@ def _other_width(image: Plane, sighting: Sighting, model: ProbeModel) -> NotFoun
 def _stands_alone(strip: Strip, u_px: Floats, line: tuple[float, float], half_px: float, widest_px: float) -> bool:
     """Return whether a bar is brighter all across than what lies beside it, and that no brighter than further out.
 
-    Two lines of lettering have a gap between them; a highlight has metal beside it.
+    Two lines of lettering have a gap between them; a highlight has metal beside it, and before a bright ground the
+    metal lies between two things that are brighter.
     """
     smooth = cv2.blur(strip.pixels, (3, 9))
     rows = np.rint(u_px).astype(np.intp) - strip.u_from_px
@@ -127,4 +129,5 @@ def _stands_alone(strip: Strip, u_px: Floats, line: tuple[float, float], half_px
     further = levels(np.array([-widest_px - 8.0, widest_px + 8.0])).mean(axis=1)
     solid = float(np.mean(inside.min(axis=1) > beside))
     metal_beside = float(np.mean(beside > further + 0.5 * (inside.mean(axis=1) - further)))
-    return solid > MOSTLY and metal_beside < 1.0 - MOSTLY
+    lit = float(np.mean(inside.mean(axis=1) > further))
+    return solid > MOSTLY and lit > MOSTLY and metal_beside < 1.0 - MOSTLY

@@ -30,7 +30,7 @@ class EdgePoints:
 
     `taught_px`: the edge's taught v from the axis at that row. `brightens` (N,) bool: brighter inwards, as before a
     dark background; before something brighter than the metal the steepest place lies up to half a pixel elsewhere.
-    offered: how many calipers looked for an edge.
+    strength: its slope (N,), levels per px. offered: how many calipers looked for an edge.
     """
 
     u_px: Floats
@@ -39,15 +39,23 @@ class EdgePoints:
     taught_px: Floats
     on_taper: NDArray[np.bool_]
     brightens: NDArray[np.bool_]
+    strength: Floats
     offered: int
     offered_on_taper: int
+
+    def where(self, keep: NDArray[np.bool_], offered: int, offered_on_taper: int) -> EdgePoints:
+        """Return the points `keep` (N,) says, found by so many calipers."""
+        u, v, side, taught = self.u_px[keep], self.v_px[keep], self.side[keep], self.taught_px[keep]
+        on_taper, brightens, strength = self.on_taper[keep], self.brightens[keep], self.strength[keep]
+        return EdgePoints(u, v, side, taught, on_taper, brightens, strength, offered, offered_on_taper)
 
 
 @dataclass(frozen=True, slots=True)
 class Axis:
     """Hold the fitted bisector v = a + b u with covariance (2, 2), the change of half widths, the edge support.
 
-    bend_px: how far, at the end, the taper lies from where the cylinder points, with its 1-sigma.
+    bend_px: how far, at the end, the taper lies from where the cylinder points, with its 1-sigma. taper_sigma_px: that
+    of how much wider the taper is than the cylinder.
     """
 
     a_px: float
@@ -57,6 +65,7 @@ class Axis:
     cylinder_wider_px: float
     bend_px: float
     bend_sigma_px: float
+    taper_sigma_px: float
     support: float
     scale_px: float
     weights: Floats
@@ -111,17 +120,19 @@ def edge_points(
         taught_px=taught[good],
         on_taper=np.tile(on_taper, 2)[good],
         brightens=brightens,
+        strength=np.abs(inwards[index, at])[good].astype(np.float64),
         offered=sides * count,
         offered_on_taper=sides * int(np.count_nonzero(on_taper)),
     )
 
 
-def fit_axis(points: EdgePoints, pivot_u_px: float, *, straight: bool = True) -> Axis | None:
+def fit_axis(points: EdgePoints, pivot_u_px: float, *, straight: bool = True, same_width: bool = True) -> Axis | None:
     """Fit the bisector, the change of both half widths and the taper's turn to all points; None when too few agree.
 
-    pivot_u_px: where the taper turns. straight: believe that it hardly does; otherwise the turn is free. The fit starts
-    from the cylinder's points, from all and from the taper's, and the start with clearly the most agreement wins, the
-    earlier one in doubt: clutter behind one part of the needle does not draw the axis away from the other.
+    pivot_u_px: where the taper turns. straight: believe that it hardly does; otherwise the turn is free.
+    same_width: believe that the taper is as wide as taught, but for the light; otherwise its width is free. The fit
+    starts from the cylinder's points, from all and from the taper's, and the start with clearly the most agreement
+    wins, the earlier one in doubt: clutter behind one part of the needle does not draw the axis away from the other.
     """
     if points.u_px.size < 10:
         return None
@@ -136,8 +147,8 @@ def fit_axis(points: EdgePoints, pivot_u_px: float, *, straight: bool = True) ->
         ],
         axis=1,
     )
-    bend_sigma = STRAIGHT_SIGMA_PX if straight else 1e3
-    pull = np.array([0.0, 0.0, WIDTH_SIGMA_PX**-2, TAPER_SIGMA_PX**-2, bend_sigma**-2])
+    bend_sigma, taper_sigma = STRAIGHT_SIGMA_PX if straight else 1e3, TAPER_SIGMA_PX if same_width else 1e3
+    pull = np.array([0.0, 0.0, WIDTH_SIGMA_PX**-2, taper_sigma**-2, bend_sigma**-2])
     target = points.v_px - points.taught_px
     best: _Fit | None = None
     for start in (1.001 - on_taper, np.ones_like(on_taper), on_taper + 1e-3):
@@ -190,6 +201,7 @@ def _axis_of(fit: _Fit, points: EdgePoints) -> Axis:
         wider,
         bend,
         float(np.sqrt(fit.covariance[4, 4])),
+        float(np.sqrt(fit.covariance[3, 3])),
         float(np.count_nonzero(fit.weights > 0.3)) / max(points.offered, 1),
         fit.scale,
         fit.weights,

@@ -11,6 +11,7 @@ from vision.caliper import derivative
 from vision.image import Plane
 from vision.probe_model import ProbeModel
 from vision.tip_edges import Axis, EdgePoints, edge_points, fit_axis
+from vision.tip_ground import corrected, without_blind
 from vision.tip_rim import Rim, join_rim, marking_levels, rim_places
 from vision.tip_search import Match
 from vision.tip_strip import NeedleShape, Strip, across_slope, around, middle, middle_profile
@@ -26,6 +27,9 @@ MARKING_REACH_PX = 14
 LEAST_RIM_SLOPE = 4.0
 RIM1_REACH_PX = 8
 FIRST_REACH_PX, SECOND_REACH_PX = 4, 2
+# Edges before a darker ground are enough where they show on so much of the silhouette (0..1); edges of both
+# signs have to show on so much more of it.
+ENOUGH_SUPPORT, CLEARLY_MORE = 0.7, 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,18 +117,31 @@ def measure(image: Plane, sighting: Sighting, shift_px: float, model: ProbeModel
     at = rough.to_image(shift_px, found.a_px + found.b * shift_px)
     strip = around(image, at, sighting.angle_rad, model.shape, 0)
     slope = across_slope(strip)
-    points = edge_points(strip, slope, model.outline, (0.0, 0.0), (0.0, 0.0), FIRST_REACH_PX)
-    axis = fit_axis(points, -model.h_px)
+    axis = _first_axis(strip, slope, model)
     if axis is None:
         return None
     wider = axis.cylinder_wider_px, axis.taper_wider_px
     line = axis.a_px, axis.b
     points = edge_points(strip, slope, model.outline, line, wider, SECOND_REACH_PX, either_way=True)
+    points = without_blind(strip, corrected(strip, slope, points, line), model.outline, line, wider)
     axis = fit_axis(points, -model.h_px)
     free = fit_axis(points, -model.h_px, straight=False)
     if axis is None or free is None:
         return None
     return _with_rims(strip, slope, points, axis, free, model)
+
+
+def _first_axis(strip: Strip, slope: Plane, model: ProbeModel) -> Axis | None:
+    """Return the axis by the edges before a darker ground, or by edges of both signs where those show clearly more."""
+    best: Axis | None = None
+    for either_way in (False, True):
+        start = (0.0, 0.0), (0.0, 0.0), FIRST_REACH_PX
+        axis = fit_axis(edge_points(strip, slope, model.outline, *start, either_way=either_way), -model.h_px)
+        if best is None or (axis is not None and axis.support > best.support + CLEARLY_MORE):
+            best = axis
+        if best is not None and best.support > ENOUGH_SUPPORT:
+            break
+    return best
 
 
 def _with_rims(strip: Strip, slope: Plane, points: EdgePoints, axis: Axis, free: Axis, model: ProbeModel) -> Measured:

@@ -1,4 +1,8 @@
-"""Search the golden template around its taught place (thesis 5.3.3): where the needle is, roughly."""
+"""Search the golden template around its taught place (thesis 5.3.3): where the needle is, roughly.
+
+Only what the needle itself shows is compared, its marking and the light on its metal: what lies beside it may be darker
+or brighter than it was at teaching, and counts neither for nor against.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +11,7 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from vision.image import Gray, Plane
 from vision.probe_model import SEARCH_REACH_PX, TEMPLATE_HEIGHT_PX, TEMPLATE_WIDTH_PX, ProbeModel
@@ -16,6 +21,8 @@ SHRINK = 4
 TURNS_DEG = (-2.0, 0.0, 2.0)
 # A busy background can look more like the template than the needle before it does: other places are kept in hand.
 MOST_MATCHES, WORSE = 3, 0.2
+# The border of the needle is left out as well: the lens mixes it with the ground, and the place is a guess.
+BORDER_PX = 2.0
 # Places closer than this, in shrunk pixels, are one and the same.
 APART = 2
 
@@ -105,10 +112,22 @@ def _template(model: ProbeModel, turn_deg: float) -> _Template:
 
 
 def _turned(model: ProbeModel, turn_deg: float) -> tuple[Plane, Plane]:
-    """Return the template and its cover (0..1), turned about the needle's end and shrunk."""
+    """Return the template and the needle's cover (0..1) of it, turned about the needle's end and shrunk."""
     tip = model.tip_px[0] - model.corner_px[0], model.tip_px[1] - model.corner_px[1]
     matrix = cv2.getRotationMatrix2D(tip, -turn_deg, 1.0)
     size = (TEMPLATE_WIDTH_PX, TEMPLATE_HEIGHT_PX)
+    inside = np.zeros(size[::-1], dtype=np.uint8)
+    cv2.fillPoly(inside, [np.rint(_inner_px(model)).astype(np.int32)], (255,))
     picture = cv2.warpAffine(model.template, matrix, size, borderMode=cv2.BORDER_REPLICATE)
-    mask = cv2.warpAffine(model.template_mask, matrix, size)
-    return _shrink(np.asarray(picture, dtype=np.uint8)), _shrink(np.asarray(mask, dtype=np.uint8)) / 255.0
+    cover = cv2.warpAffine(inside, matrix, size)
+    return _shrink(np.asarray(picture, dtype=np.uint8)), _shrink(np.asarray(cover, dtype=np.uint8)) / 255.0
+
+
+def _inner_px(model: ProbeModel) -> NDArray[np.float64]:
+    """Return the polygon (N, 2) in the template's pixels of the needle without its border."""
+    outline = model.outline
+    left, right = outline.left_px + BORDER_PX, outline.right_px - BORDER_PX
+    u, v = np.concatenate([outline.u_px, outline.u_px[::-1]]), np.concatenate([left, right[::-1]])
+    c, s = np.cos(model.angle_rad), np.sin(model.angle_rad)
+    x, y = model.tip_px[0] - model.corner_px[0], model.tip_px[1] - model.corner_px[1]
+    return np.stack([x + u * c - v * s, y + u * s + v * c], axis=1)

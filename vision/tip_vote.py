@@ -18,6 +18,8 @@ SHIFTS_PX: Floats = np.arange(-12.0, 12.1)
 TILTS: Floats = np.tan(np.radians(np.arange(-2.5, 2.51, 0.5)))
 # An edge that darkens inwards is one before something brighter than the metal: it counts, but less.
 DARKENING_WORTH = np.float32(0.7)
+# The template knows the needle to a few px: a place so much further away has to show so much more (0..1) of its edges.
+AWAY_WORTH = 0.02
 # Where only one edge votes, a highlight's border must not pass for it: so much of the usual steepest slope is asked.
 LEAST_OF_STEEPEST = 0.6
 
@@ -51,7 +53,8 @@ def vote(strip: Strip, slope: Plane, outline: Silhouette, pivot_u_px: float) -> 
     if outline.dim_side:
         left = right = right if outline.dim_side < 0 else left
     shares = (left + right).mean(axis=2) / 2.0
-    row, column = (int(at) for at in np.unravel_index(int(np.argmax(shares)), shares.shape))
+    worth = shares - AWAY_WORTH * np.abs(SHIFTS_PX)[:, None]
+    row, column = (int(at) for at in np.unravel_index(int(np.argmax(worth)), worth.shape))
     tilt = float(TILTS[column])
     return Vote(float(SHIFTS_PX[row]) - tilt * pivot_u_px, tilt, float(shares[row, column]))
 

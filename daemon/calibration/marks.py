@@ -152,7 +152,9 @@ def _sight(look: Look, target: TestPoint | ControlPoint | NotFound | None, bench
         missing = target if isinstance(look.tip, Tip) else look.tip
         if not isinstance(missing, NotFound):
             return Unseen("it was not looked for")
-        if missing.reason is not Reason.OUT_OF_FRAME:
+        # A white picture in which the tip is seen is good; where it is dark beside the tip, the print is not there.
+        bare = look.red is None and missing is target
+        if missing.reason is not Reason.OUT_OF_FRAME and not bare:
             refuse_unusable(missing)
         return Unseen(missing.message if missing is target else f"the tip was not found: {missing.message}")
     x, y = bench.calibrations.require_probe().tip_px

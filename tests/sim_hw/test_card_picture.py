@@ -12,7 +12,7 @@ from sim_hw.render import Picture
 from sim_hw.scene import Scene, Shot, watch
 from tests.sim_hw.pinhole import Point, pinhole_px
 from tests.sim_hw.scene_double import DEMO, FakeHead, FakeKnobs, FakePlant
-from vision import find_control_point
+from vision import ProbeModel, find_control_point, find_tip
 
 ANGLES_DEG = (0.0, 17.0, 34.0, 51.0, 68.0, 85.0, 100.0, 140.0, 163.0, 186.0, 209.0, 232.0, 255.0, 278.0, 301.0, 340.0)
 
@@ -81,6 +81,22 @@ def test_the_control_point_is_found_at_every_angle_beside_the_needle(table: Tabl
     assert set(seen) == set(ANGLES_DEG)
     assert len(seen) >= 3 * len(ANGLES_DEG) - 1
     assert np.sqrt((np.array(off) ** 2).sum(axis=1).mean()) < 0.15
+
+
+def test_the_tip_is_found_before_the_white_paper_as_it_was_taught_before_the_dark_bench(table: Table) -> None:
+    """At every head angle, the printed lines behind the taper: 0.2 px rms radially, about the taught place."""
+    table.plant.card_pose = replace(table.plant.card_pose, dx_um=20_000.0)
+    table.stand(0.0, -15_000.0, 0.0)
+    model = ProbeModel.teach(table.shoot(), table.tip_px())
+    taught = np.subtract(model.tip_px, table.tip_px())
+    rng = np.random.default_rng(4)
+    off = []
+    for k, theta_deg in enumerate(ANGLES_DEG):
+        table.stand(theta_deg, *rng.uniform(-200.0, 200.0, 2))
+        tip = find_tip(table.shoot(k + 10), model)
+        assert tip, f"{theta_deg} deg: {tip}"
+        off.append(np.subtract((tip.x_px, tip.y_px), table.tip_px()) - taught)
+    assert np.sqrt((np.array(off) ** 2).sum(axis=1).mean()) < 0.2
 
 
 def test_a_card_that_is_shifted_turned_and_lifted_is_drawn_so(table: Table) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -62,6 +63,11 @@ class Rig:
 
     def truth(self) -> dict[str, Any]:
         return self.bench.ask("truth")
+
+    def truth_start(self) -> dict[str, Any]:
+        """Return what was drawn when the simulated station started."""
+        start: dict[str, Any] = json.loads((self.places.out / "truth.jsonl").read_text().splitlines()[0])
+        return start
 
     @contextmanager
     def fault(self, name: str, **parameters: Any) -> Iterator[None]:

@@ -52,3 +52,21 @@ def test_pictures_and_numbers_are_kept(rig: Rig, client: Client) -> None:
     assert {"before-white.jpg", "before-red.jpg", "before-tip.jpg", "before-pads.jpg", "result.json"} <= {
         f.name for f in folder.iterdir()
     }
+
+
+def test_what_stays_unclear_from_both_sides_leaves_the_head_where_it_was(rig: Rig, client: Client) -> None:
+    """The board lies elsewhere: no pad is near; both side steps are taken, and taken back."""
+    client.job("place", test_point="TP9", theta_deg=45.0)
+    before = rig.truth()["axes"]
+    as_it_lay = rig.truth_start()["board_pose"]["dx_um"]
+    rig.bench.ask("set", name="board_dx_um", value=as_it_lay + 4000.0)
+    try:
+        result = client.job("correct", test_point="TP9")
+    finally:
+        rig.bench.ask("set", name="board_dx_um", value=as_it_lay)
+    assert result.error is not None
+    assert result.error.name in ("test_point_not_found", "ambiguous", "undecided")
+    assert (result.looks, result.moves) == (6, 3), "from each place twice"
+    after = rig.truth()["axes"]
+    assert max(abs(after[axis] - before[axis]) for axis in ("x_um", "y_um")) < 50.0
+    assert client.job("correct", test_point="TP9").ok

@@ -10,6 +10,7 @@ from tests.vision.studio.lens import Frame, Level, develop
 from tests.vision.studio.needle_body import SHAPE, Array, Body, Hits, bend, cast
 from tests.vision.studio.needle_kit import KITS, Kit
 from tests.vision.studio.needle_paint import Marking, Metal, rim, shade
+from tests.vision.studio.needle_paper import GROUNDS, bright
 
 DEFECTS: Final = (
     "no_needle",
@@ -66,8 +67,12 @@ def golden(seed: int = 0, *, kit: int = 0) -> WhiteScene:
     return _scene(level, body, Look(1.0, 0.9, 1.5, 0.0, 0.05), rng, "good")
 
 
-def white_scene(seed: int, *, hard: bool = False, defect: str | None = None, kit: int = 0) -> WhiteScene:
+def white_scene(
+    seed: int, *, hard: bool = False, defect: str | None = None, kit: int = 0, ground: str | None = None
+) -> WhiteScene:
     """Return one frame of the needle ``KITS[kit]``; everything random comes from ``seed``.
+
+    It stands before a board, or before one of the bright ``needle_paper.GROUNDS``.
 
     Clean: within 3 deg and 15 px of the nominal place, gain 0.75..1.25, blur 0.7..1.4 px, noise 3 grey levels. Hard:
     noise 7, salt and pepper, worn rims, glints, pads behind the taper and lettering along the needle.
@@ -75,11 +80,17 @@ def white_scene(seed: int, *, hard: bool = False, defect: str | None = None, kit
     if defect is not None and defect not in DEFECTS:
         msg = f"defect must be one of {', '.join(DEFECTS)} or None, got {defect!r}"
         raise ValueError(msg)
+    if ground is not None and ground not in GROUNDS:
+        msg = f"ground must be one of {', '.join(GROUNDS)} or None, got {ground!r}"
+        raise ValueError(msg)
     rng = np.random.default_rng(seed)
     needle = KITS[kit].other(rng) if defect == "other_needle" else KITS[kit]
     body = _place(needle, rng, defect)
     tip = body.seen_end_px()
-    level = background.board(rng, (tip[0], tip[1]), _angle_deg(body), cluttered=hard)
+    if ground is None:
+        level = background.board(rng, (tip[0], tip[1]), _angle_deg(body), cluttered=hard)
+    else:
+        level = bright(rng, ground, (tip[0], tip[1]), _angle_deg(body))
     look = _look(rng, defect, hard=hard)
     shown = None
     if defect != "no_needle":

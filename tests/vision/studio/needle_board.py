@@ -12,7 +12,7 @@ SHIFT = 4
 
 def plain(rng: np.random.Generator) -> Level:
     """Return the dark cloth that the operator lays under the needle to teach it."""
-    return np.float32(24.0) + _cloud(rng, 1.5, 60) + _cloud(rng, 1.0, 8)
+    return np.float32(24.0) + clouds(rng, 1.5, 60) + clouds(rng, 1.0, 8)
 
 
 def board(rng: np.random.Generator, tip_px: tuple[float, float], angle_deg: float, *, cluttered: bool) -> Level:
@@ -29,7 +29,7 @@ def board(rng: np.random.Generator, tip_px: tuple[float, float], angle_deg: floa
     # The board lies a little behind the plane of focus, and its mask is glossy and uneven.
     canvas = cv2.GaussianBlur(canvas, (0, 0), float(rng.uniform(0.5, 1.1)))
     rough = 2.0 if cluttered else 1.0
-    return canvas + _cloud(rng, 2.5 * rough, 40) + _cloud(rng, 1.6 * rough, 4)
+    return canvas + clouds(rng, 2.5 * rough, 40) + clouds(rng, 1.6 * rough, 4)
 
 
 def shadow(level: Level, tip_px: tuple[float, float], angle_deg: float, rng: np.random.Generator) -> None:
@@ -66,13 +66,15 @@ def _spot(level: Level, place: np.ndarray, size: float, height: float) -> None:
     level[y0:y1, x0:x1] += (height * np.exp(-r2 / (2 * size**2))).astype(np.float32)
 
 
-def _cloud(rng: np.random.Generator, rms: float, scale: int) -> Level:
+def clouds(rng: np.random.Generator, rms: float, scale: int) -> Level:
+    """Return an uneven brightness (H, W) with mean 0 whose blots are about ``scale`` px large."""
     small = rng.standard_normal((SHAPE[0] // scale + 2, SHAPE[1] // scale + 2), dtype=np.float32)
     cloud = cv2.resize(small, (SHAPE[1], SHAPE[0]), interpolation=cv2.INTER_LINEAR)
     return np.asarray(cloud * np.float32(1.5 * rms), np.float32)
 
 
-def _fixed(points: np.ndarray) -> np.ndarray:
+def fixed(points: np.ndarray) -> np.ndarray:
+    """Return points in the binary fractions of a pixel that cv2 draws with."""
     return np.rint(np.asarray(points) * (1 << SHIFT)).astype(np.int32)
 
 
@@ -85,7 +87,7 @@ def _traces(canvas: Level, rng: np.random.Generator, level: float) -> None:
             points.append(points[-1] + float(rng.uniform(60, 500)) * np.array([np.cos(angle), np.sin(angle)]))
             heading += int(rng.choice([-1, 1]))
         width = int(rng.integers(6, 22))
-        cv2.polylines(canvas, [_fixed(np.asarray(points))], isClosed=False, color=level, thickness=width, shift=SHIFT)
+        cv2.polylines(canvas, [fixed(np.asarray(points))], isClosed=False, color=level, thickness=width, shift=SHIFT)
 
 
 def _pad(canvas: Level, rng: np.random.Generator, place: tuple[float, float], mask: float) -> None:
@@ -93,7 +95,7 @@ def _pad(canvas: Level, rng: np.random.Generator, place: tuple[float, float], ma
         float(rng.uniform(140, 215)),
         float(rng.choice([7.0, 9.0, 17.0, 26.0, 40.0])) * float(rng.uniform(0.8, 1.2)),
     )
-    centre = tuple(int(v) for v in _fixed(np.asarray(place)))
+    centre = tuple(int(v) for v in fixed(np.asarray(place)))
     if rng.random() < 0.6:
         radius = round(size * (1 << SHIFT))
         cv2.circle(canvas, centre, radius + 48, mask * 0.75, -1, cv2.LINE_8, SHIFT)
@@ -102,7 +104,7 @@ def _pad(canvas: Level, rng: np.random.Generator, place: tuple[float, float], ma
             cv2.circle(canvas, centre, round(radius * 0.45), 25.0, -1, cv2.LINE_8, SHIFT)
         return
     half = np.array([size, size * float(rng.uniform(0.5, 2.0))])
-    low, high = (tuple(int(v) for v in _fixed(np.asarray(place) + sign * half)) for sign in (-1, 1))
+    low, high = (tuple(int(v) for v in fixed(np.asarray(place) + sign * half)) for sign in (-1, 1))
     cv2.rectangle(canvas, low, high, level, -1, cv2.LINE_8, SHIFT)
 
 
@@ -120,7 +122,7 @@ def _word(canvas: Level, rng: np.random.Generator, place: tuple[float, float], a
         ]
         for stroke in range(4):
             if rng.random() < 0.65:
-                ends = _fixed(np.array([box[stroke], box[(stroke + int(rng.integers(1, 3))) % 4]]))
+                ends = fixed(np.array([box[stroke], box[(stroke + int(rng.integers(1, 3))) % 4]]))
                 cv2.polylines(canvas, [ends], isClosed=False, color=level, thickness=pen, shift=SHIFT)
 
 
@@ -133,6 +135,6 @@ def _clutter(canvas: Level, rng: np.random.Generator, tip: np.ndarray, angle_deg
     for _ in range(int(rng.integers(2, 4))):
         off = float(rng.choice([-1, 1])) * float(rng.uniform(26, 75))
         start = tip - float(rng.uniform(20, 260)) * along + off * across
-        ends = _fixed(np.array([start, start - float(rng.uniform(50, 240)) * along]))
+        ends = fixed(np.array([start, start - float(rng.uniform(50, 240)) * along]))
         level, pen = float(rng.uniform(140, 200)), int(rng.integers(4, 11))
         cv2.polylines(canvas, [ends], isClosed=False, color=level, thickness=pen, shift=SHIFT)
