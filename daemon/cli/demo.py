@@ -8,7 +8,7 @@ import signal
 import sys
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -56,7 +56,7 @@ def demo(
             code=USAGE,
         )
     # Ended from outside, it still ends the processes it started.
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(FAILED))
+    signal.signal(signal.SIGTERM, _ENDING.ask)
     output.mkdir(parents=True, exist_ok=True)
     (output / "board.json").write_text(read.model_dump_json(indent=1))
     try:
@@ -101,6 +101,31 @@ def _run(places: Places, folder: Path, read: Board, *, seed: int, points: int, s
             return landings
 
 
+class _Ending:
+    """End the program when it is told to, but not between a process' start and the promise to end it."""
+
+    def __init__(self) -> None:
+        self._held = self._asked = False
+
+    def ask(self, *_: object) -> None:
+        """Take SIGTERM."""
+        self._asked = True
+        if not self._held:
+            sys.exit(FAILED)
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """Put the end off until the block is over."""
+        self._held = True
+        yield
+        self._held = False
+        if self._asked:
+            sys.exit(FAILED)
+
+
+_ENDING = _Ending()
+
+
 @contextmanager
 def _processes(places: Places, settings: Path, folder: Path, side: str, seed: int, speed: float
                ) -> Iterator[tuple[Client, Bench]]:  # fmt: skip
@@ -110,20 +135,21 @@ def _processes(places: Places, settings: Path, folder: Path, side: str, seed: in
         "--line", places.line, "--camera", places.socket("camera"), "--bench", places.socket("bench"),
         "--truth", str(places.out / "truth.jsonl"),
     ]  # fmt: skip
-    sim = Process("simulated station", sim_arguments, places.out / "sim.log", ready_line=True)
-    try:
-        bench = Bench(sim.ready()["bench"])
-        daemon_arguments = ["daemon.cli", "run", "--config", str(settings), "--json"]
-        daemon = Process("daemon", daemon_arguments, places.out / "daemon.log", ready_line=False)
-        try:
-            wait_for_daemon(daemon, places.socket("control"))
-            with Client(places.socket("control"), timeout_s=10.0) as client:
-                yield client, bench
-        finally:
-            daemon.end()
-            bench.close()
-    finally:
-        sim.end()
+    daemon_arguments = ["daemon.cli", "run", "--config", str(settings), "--json"]
+    with ExitStack() as stack:
+
+        def start(name: str, arguments: list[str], log: str, *, ready_line: bool) -> Process:
+            with _ENDING.held():
+                process = Process(name, arguments, places.out / log, ready_line=ready_line)
+                stack.callback(process.end)
+            return process
+
+        bench = Bench(start("simulated station", sim_arguments, "sim.log", ready_line=True).ready()["bench"])
+        stack.callback(bench.close)
+        daemon = start("daemon", daemon_arguments, "daemon.log", ready_line=False)
+        wait_for_daemon(daemon, places.socket("control"))
+        with Client(places.socket("control"), timeout_s=10.0) as client:
+            yield client, bench
 
 
 def _progress() -> Progress:
