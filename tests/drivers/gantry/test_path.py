@@ -94,3 +94,22 @@ def test_the_forbidden_band_is_refused(head: float) -> None:
 def test_an_answer_is_a_target(axis_deg: float) -> None:
     """It should take the coordinate it gives as a target for the same place."""
     assert axis_theta_deg(axis_deg) == pytest.approx(axis_deg, abs=1e-6)
+
+
+@given(places(), places())
+def test_an_axis_asked_to_come_from_above_does_and_the_others_do_not(now: Position, target: Position) -> None:
+    """Whoever measures the play needs both sides; every other rule of a path holds for both."""
+    at = {"x": now.x_um, "y": now.y_um, "z": now.z_um}
+    for leg in plan(now, target, CONFIG, ENDS, frozenset({"x"})):
+        for name, to in leg.items():
+            if name in ("x", "y"):
+                assert at["z"] >= CONFIG.safe_z_um
+            if name == "x" and to == target.x_um:
+                before = target.x_um + CONFIG.backlash_um
+                assert at["x"] >= before or before > ENDS.x_um[1] or at["x"] == to
+            if name == "y" and to == target.y_um:
+                before = target.y_um - CONFIG.backlash_um
+                assert at["y"] <= before or before < ENDS.y_um[0] or at["y"] == to
+            if name in at:
+                at[name] = to
+    assert at["z"] == target.z_um
