@@ -28,7 +28,7 @@ bench-vision: $(BENCH_STAMP)
 	$(PY) -m tests.bench.vision $(BENCH_ARGS)
 
 # LANDING_ARGS="--trials 200 --stations 2" for less than everything.
-landing: $(BENCH_STAMP)
+landing: $(STAMP)
 	$(PY) -m tests.bench.landing $(LANDING_ARGS)
 
 $(STAMP): requirements/dev.txt pyproject.toml

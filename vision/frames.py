@@ -1,4 +1,4 @@
-"""Rigid transforms of the plane and of the head (thesis 6.4, eq. 6.10..6.14).
+"""Rigid transforms of the plane (thesis 6.4, eq. 6.10..6.14).
 
 Robot frame: right-handed, um, theta counter-clockwise about +Z. Head frame {A}: fixed to the head, origin at the
 probe tip, axes along the robot's when theta is 0. Board frame: um, x right and y up as in CAD, seen from the side
@@ -44,19 +44,3 @@ class Rigid2:
         """Return this transform followed by `after`."""
         tx, ty = after.apply((self.tx_um, self.ty_um))
         return Rigid2(self.theta_deg + after.theta_deg, float(tx), float(ty))
-
-
-@dataclass(frozen=True)
-class HeadModel:
-    """Where the tip is from the head's position: a circle round the axis of rotation (figure 6.6).
-
-    `phase_deg` is the direction of the tip at theta 0. A real head deviates by its run-out: appendix D's by 117 um rms
-    and 363 um at most.
-    """
-
-    radius_um: float
-    phase_deg: float
-
-    def tip_offset_um(self, theta_deg: float) -> Array:
-        """Return tip minus head position in the robot frame, shape (2,), um."""
-        return rotation(theta_deg + self.phase_deg) @ (self.radius_um, 0.0)

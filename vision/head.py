@@ -4,7 +4,8 @@ Robot frame: right-handed, um, theta counter-clockwise about +Z in degrees. A pe
 real one has run-out (appendix D's: 117 um rms, 363 um at most). Three kinds answer the same question behind one
 interface, `Head`: a circle, a Fourier series in theta, and the thesis' own array of residuals. `head_fit` makes them.
 
-What none of them knows: anything constant in the robot frame. It cannot be told from the control point's own place.
+What no record tells: anything constant in the robot frame. It cannot be told from the control point's own place, so
+`head_fit` settles it by convention.
 """
 
 from __future__ import annotations

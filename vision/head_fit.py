@@ -43,9 +43,9 @@ class HeadFit:
 
     head: the model. order: highest harmonic of a Fourier series, else None. control_um: the control point C; by
     convention the circle's centre, for nothing that is constant in the robot frame can be told from it (of a plain
-    circle its own). circle: through the rows
-    used. residuals_um: (N, 2) model minus measured head position, every row. used: (N,) False for outliers. rms_um: of
-    the residuals' lengths, rows used. holdout_rms_um, holdout_max_um: of the same rows, each left out in turn.
+    circle its own). circle: through the rows used. residuals_um: (N, 2) model minus measured head position, every row.
+    used: (N,) False for outliers. rms_um: of the residuals' lengths, rows used. holdout_rms_um, holdout_max_um: of the
+    same rows, each left out in turn.
     largest_gap_deg: between neighbouring angles used; the part of a gap in the forbidden band does not count.
     """
 

@@ -13,7 +13,7 @@ STEP_DEG = 1.8 / 32
 FIRST_AXIS_DEG, LAST_AXIS_DEG = -220.0, 100.0
 """Head angles 140..360 and 0..100 as the axis counts them; between lies the forbidden band."""
 DEFAULT_ANGLES = 32
-"""Half as many again as a smooth model needs, and still a minute and a half."""
+"""Half as many again as a smooth model needs."""
 _HALF_STEP_DEG = STEP_DEG / 2
 
 

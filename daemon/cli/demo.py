@@ -27,7 +27,7 @@ from daemon.demo.settings import Places, write_settings
 
 app = typer.Typer()
 ROTATION_ANGLES = 24
-"""Enough for a smooth model of the head, half a minute."""
+"""Enough for a smooth model of the head."""
 
 
 @app.command()
@@ -117,8 +117,10 @@ class _Ending:
     def held(self) -> Iterator[None]:
         """Put the end off until the block is over."""
         self._held = True
-        yield
-        self._held = False
+        try:
+            yield
+        finally:
+            self._held = False
         if self._asked:
             sys.exit(FAILED)
 

@@ -228,7 +228,6 @@ def test_a_results_file_that_is_none_is_refused_with_its_first_bad_line(
 
 
 def test_every_plot_is_drawn_also_of_trials_that_never_landed(tmp_path: Path) -> None:
-    pytest.importorskip("matplotlib", reason="the bench group is not installed")
     from tests.bench.landing import plots
 
     nothing = replace(GOOD, first_um=None, before_um=None, after_um=None, error="stalled", looks=0)

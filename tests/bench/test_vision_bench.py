@@ -152,7 +152,6 @@ def test_the_command_prints_a_verdict_and_writes_the_records(tmp_path: Path, cap
 
 
 def test_the_plots_are_written(tmp_path: Path) -> None:
-    pytest.importorskip("matplotlib", reason="the bench group is not installed")
     from tests.bench.vision import plots
 
     records = [record(seed=i, dx_px=i / 100) for i in range(20)]

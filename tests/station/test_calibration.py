@@ -186,7 +186,7 @@ def test_a_cancelled_run_goes_on_where_it_ended(rig: Rig, rotated: JobResult) ->
 
 
 def test_a_mirrored_picture_is_refused_and_the_old_map_stays(rig: Rig, rotated: JobResult) -> None:
-    """The needle as taught is not in a mirrored picture; and a needle taught in it still gives no map."""
+    """The needle as taught is not in a mirrored picture."""
     assert rotated.ok
     before = (_folder(rig) / "map.json").read_bytes()
     with rig.fault("mirrored"), rig.client() as client:

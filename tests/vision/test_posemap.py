@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from sim_hw.optics import make_optics
-from vision.frames import HeadModel, Rigid2, rotation
+from vision.frames import Rigid2, rotation
+from vision.head import CircleHead
 from vision.posemap import PoseMap, Sighting, fit_pose_map, worst_shrink
 
 TIP_PX = (428.0, 620.0)
@@ -122,7 +123,7 @@ def test_the_corrected_pose_of_the_thesis() -> None:
 
 
 def test_the_head_draws_a_circle() -> None:
-    head = HeadModel(14938.26, -3.054)
+    head = CircleHead(14938.26, -3.054)
     offsets = np.array([head.tip_offset_um(t) for t in (0.0, 90.0, 180.0)])
     assert np.linalg.norm(offsets, axis=1) == pytest.approx([14938.26] * 3)
     assert offsets[0] == pytest.approx(-offsets[2])

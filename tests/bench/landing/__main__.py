@@ -10,7 +10,6 @@ Exit code 1 if a bound is missed, 2 if the campaigns cannot be run.
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import os
 import signal
 import sys
@@ -84,9 +83,6 @@ def main(argv: list[str] | None = None) -> int:
     console = Console(width=None if sys.stdout.isatty() else 150)
     # Boards are read by several threads, and putting such a filter on for a while is no thread's own matter.
     warnings.filterwarnings("ignore", category=SyntaxWarning)
-    # Before half an hour of landings: can the plots be drawn at its end?
-    if asked.plots and importlib.util.find_spec("matplotlib") is None:
-        _refuse("plots need matplotlib: use `make landing`, or add --no-plots")
     # Ended from outside, it still ends the processes it started.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(MISSED))
     if asked.judge:

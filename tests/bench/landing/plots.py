@@ -1,4 +1,4 @@
-"""Draw the campaigns as PNG files. Needs matplotlib (the `bench` group)."""
+"""Draw the campaigns as PNG files. Needs matplotlib, as the pages of calibrations do."""
 
 from __future__ import annotations
 

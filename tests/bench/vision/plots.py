@@ -1,4 +1,4 @@
-"""Draw the figures as PNG files. Needs matplotlib (the `bench` group)."""
+"""Draw the figures as PNG files. Needs matplotlib, as the pages of calibrations do."""
 
 from __future__ import annotations
 
