@@ -65,8 +65,9 @@ class ProbeModel:
     ) -> ProbeModel:
         """Learn the needle from a white frame (H, W, 3) uint8 BGR and its true end (x, y) in px (thesis 5.3.6).
 
-        The end should stand before a dark, quiet background. axis_hint_rad: the needle's direction in the image
-        towards its end, within 12 degrees. Raises ValueError naming what was not found.
+        The end should stand before a dark, quiet background; `find_tip` then finds it before brighter ones, too.
+        axis_hint_rad: the needle's direction in the image towards its end, within 12 degrees. Raises ValueError naming
+        what was not found.
         """
         image = check_bgr(white_bgr)
         tip = check_point(tip_px, "tip_px")

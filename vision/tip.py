@@ -3,6 +3,7 @@
 The end itself is a few dull pixels before a busy board, so it is not looked for. The needle is (golden template),
 its two straight edges give the bisector, the marking's lower rim gives a sharp mark on it, and the end lies the taught
 h px further along. Every step that does not look as taught ends the search: no answer is better than a wrong one.
+The ground may be darker than the metal or brighter, on either side: only teaching asks for a dark, quiet one.
 """
 
 from __future__ import annotations
@@ -64,9 +65,11 @@ class Tip:
 def find_tip(white_bgr: Any, model: ProbeModel) -> Tip | NotFound:
     """Find the needle's end in a white frame (H, W, 3) uint8 BGR, in the frame's pixels.
 
-    Accurate to about 0.15 px on clean pictures; `Tip.sigma_px` says how well this time. Returns NotFound with one of
-    too_dark, saturated, blurred, out_of_frame, no_needle, wrong_needle, no_marking, bent. ValueError for an array of
-    another shape or type.
+    Accurate to about 0.15 px on clean pictures, before a board and before white paper with a printed mark alike;
+    `Tip.sigma_px` says how well this time. Before a ground about as bright as the metal's edges it may find nothing,
+    and a needle taught as lit from one side is found before darker grounds only. Returns NotFound with one of too_dark,
+    saturated, blurred, out_of_frame, no_needle, wrong_needle, no_marking, bent. ValueError for an array of another
+    shape or type.
     """
     image = check_bgr(white_bgr)
     x, y, width, height = region(model)

@@ -30,7 +30,7 @@ BEND_LIMIT_PX = 2.0
 BEND_CERTAIN_SIGMAS = 4.0
 WIDTH_LIMIT_PX = 1.5
 MARKING_LENGTH_LIMIT_PX = 2.5
-SHIFTED_MARKING_LIMIT_PX, SHIFTED_BETWEEN_GROUNDS_PX = 3.5, 5.0
+SHIFTED_MARKING_LIMIT_PX, SHIFTED_BETWEEN_GROUNDS_PX = 3.5, 4.5
 # A glint may hide where the light ends along half of the taper.
 SHADE_LIMIT_PX, LEAST_SHADE_SHARE = 3.0, 0.35
 LEAST_MARKING_CONTRAST = 0.35
@@ -39,7 +39,7 @@ LEAST_RIM_AGREEMENT = 0.5
 LEAST_UPPER_RIM = 0.4
 # Edge points a side of taper or cylinder needs before its own width means something.
 LEAST_SIDE_POINTS = 10
-SIDES_AGREE_PX = 4.0
+SIDES_AGREE_PX, SIDES_AGREE_SHARE = 4.0, 0.5
 # The rim's steepest slope over the step from marking to metal, 1/px: 0.22 at a lens blur of 1 px, 0.19 at 1.4 px,
 # 0.14 at 2.5 px (a Gaussian of the blur and the caliper's 1.5 px together).
 LEAST_SHARPNESS = 0.12
@@ -220,7 +220,8 @@ def _moved(needle: Measured, model: ProbeModel) -> tuple[float, float]:
         if wider is None:
             return 0.0, limit
         sides.append(wider / model.shape.taper_slope - needle.rim2.u_px - model.h_px)
-    agree = sides[0] * sides[1] > 0.0 and abs(sides[0] - sides[1]) < SIDES_AGREE_PX
+    apart = max(SIDES_AGREE_PX, SIDES_AGREE_SHARE * max(abs(sides[0]), abs(sides[1])))
+    agree = sides[0] * sides[1] > 0.0 and abs(sides[0] - sides[1]) < apart
     return (min(sides, key=abs) if agree else 0.0), limit
 
 

@@ -29,7 +29,7 @@ class EdgePoints:
     """Hold edge points in strip coordinates (N,): `side` is +1 for v > 0 (L2), -1 for v < 0 (L1).
 
     `taught_px`: the edge's taught v from the axis at that row. `brightens` (N,) bool: brighter inwards, as before a
-    dark background; before something brighter than the metal the steepest place lies up to half a pixel elsewhere.
+    dark ground; before something brighter than the metal the steepest place lies up to half a pixel elsewhere.
     strength: its slope (N,), levels per px. offered: how many calipers looked for an edge.
     """
 
@@ -129,10 +129,10 @@ def edge_points(
 def fit_axis(points: EdgePoints, pivot_u_px: float, *, straight: bool = True, same_width: bool = True) -> Axis | None:
     """Fit the bisector, the change of both half widths and the taper's turn to all points; None when too few agree.
 
-    pivot_u_px: where the taper turns. straight: believe that it hardly does; otherwise the turn is free.
-    same_width: believe that the taper is as wide as taught, but for the light; otherwise its width is free. The fit
-    starts from the cylinder's points, from all and from the taper's, and the start with clearly the most agreement
-    wins, the earlier one in doubt: clutter behind one part of the needle does not draw the axis away from the other.
+    pivot_u_px: where the taper turns. straight: believe that it hardly does; otherwise the turn is free. same_width:
+    believe that the taper is as wide as taught, but for the light; otherwise its width is free. The fit starts from the
+    cylinder's points, from all and from the taper's, and the start with clearly the most agreement wins, the earlier
+    one in doubt: clutter behind one part of the needle does not draw the axis away from the other.
     """
     if points.u_px.size < 10:
         return None

@@ -1,10 +1,10 @@
 """What the ground behind the needle does to the needle's edges; it may be darker than the metal, or brighter.
 
-An edge is where the picture is steepest. The metal's own light changes from the edge inwards, which moves that place
-by g s^2 / A: g the slope of the metal's light next to the edge, A the step from the ground up to the metal, s the
-blur. Its sign turns with the step's: before a dark ground, where the needle was taught, the place lies inside the edge
-when the metal grows brighter inwards, before a ground brighter than the metal outside of it. Where the ground is as
-bright as the metal there is no edge, whatever is found there: such a row counts neither for nor against.
+An edge is where the picture is steepest. The metal's own light changes from the edge inwards, which moves that place by
+g s^2 / A: g the slope of the metal's light next to the edge, A the step from the ground up to the metal, s the blur.
+Its sign turns with the step's: before a dark ground, where the needle was taught, the place lies inside the edge when
+the metal grows brighter inwards, before a ground brighter than the metal outside of it. Where the ground is as bright
+as the metal there is no edge, whatever is found there: such a row counts neither for nor against.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Do both sides of the taper tell of the taught needle, all the way down? Where one is hidden, the other must."""
+"""Do both sides of the needle tell of the taught one, all the way down? Where the ground hides one, the other must."""
 
 from __future__ import annotations
 
@@ -12,14 +12,16 @@ from vision.tip_strip import middle
 from vision.tip_verdicts import wrong
 
 # Of so many edges found on one side of the taper so much (0..1) has to lie on the fit, or all of them near it.
-LEAST_FOUND, LEAST_AGREEMENT, MOST_OFF_PX = 10, 0.2, 0.75
+LEAST_FOUND, LEAST_AGREEMENT, MOST_OFF_PX = 10, 0.3, 0.75
 # With fewer than so many edges on the fit a side tells nothing: what the other one tells has to be plainer then. The
 # bend at the end, its 1-sigma, and where the taper's width puts the marking, px.
 LEAST_USED = 6
 ONE_SIDED_BEND_PX, ONE_SIDED_SIGMA_PX, ONE_SIDED_MOVED_PX = 1.0, 0.5, 6.0
+# How much the half width of a cylinder seen on one side may differ, px.
+ONE_SIDED_WIDER_PX = 0.6
 # The thin half of the taper shows a shorter or a longer one: of so many edges found there more than half, or so many,
-# have to lie near the fit.
-LEAST_THIN_FOUND, LEAST_THIN_NEAR, NEAR_PX = 6, 4, 0.8
+# have to lie near the fit. Asked where a side has fewer than so many on the fit: others show the taper's length.
+LEAST_THIN_FOUND, LEAST_THIN_NEAR, NEAR_PX, PLAIN_USED = 6, 4, 0.8, 8
 
 
 def check_sides(needle: Measured, model: ProbeModel) -> NotFound | None:
@@ -42,9 +44,10 @@ def check_sides(needle: Measured, model: ProbeModel) -> NotFound | None:
         least_used = min(least_used, used)
     thin = points.on_taper & (points.u_px > -model.h_px / 2.0)
     found, near = int(np.count_nonzero(thin)), int(np.count_nonzero(thin & (np.abs(beyond) < NEAR_PX)))
-    if found >= LEAST_THIN_FOUND and near < LEAST_THIN_NEAR and 2 * near <= found:
+    doubtful = found >= LEAST_THIN_FOUND and near < LEAST_THIN_NEAR and 2 * near <= found
+    if doubtful and least_used < PLAIN_USED:
         return wrong(f"only {near} of {found} edges of the taper's thin half lie on the taught silhouette")
-    return _one_sided(needle, model) if least_used < LEAST_USED else None
+    return _one_sided(needle, model) if least_used < LEAST_USED else _one_sided_cylinder(needle)
 
 
 def _one_sided(needle: Measured, model: ProbeModel) -> NotFound | None:
@@ -60,4 +63,15 @@ def _one_sided(needle: Measured, model: ProbeModel) -> NotFound | None:
     moved = wider / model.shape.taper_slope - needle.rim2.u_px - model.h_px
     if abs(moved) > ONE_SIDED_MOVED_PX:
         return wrong(f"{fact} the marking sits {moved:+.1f} px from where it was taught")
-    return None
+    return _one_sided_cylinder(needle)
+
+
+def _one_sided_cylinder(needle: Measured) -> NotFound | None:
+    """Return why one side of the cylinder alone does not tell enough, or None: another width would move the axis."""
+    points, axis = needle.points, needle.axis
+    used = ~points.on_taper & (axis.weights > 0.3)
+    least_used = min(int(np.count_nonzero(used & (points.side == side))) for side in (-1.0, 1.0))
+    if least_used >= LEAST_USED or abs(axis.cylinder_wider_px) < ONE_SIDED_WIDER_PX:
+        return None
+    fact = "one side of the cylinder does not stand out from the ground, and by the other one it is"
+    return wrong(f"{fact} {2 * axis.cylinder_wider_px:+.1f} px wider than the taught one")

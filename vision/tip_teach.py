@@ -1,6 +1,7 @@
 """Teach a needle: from one white frame and the operator's click on its end, measure what `find_tip` relies on.
 
-The end should stand before a dark, quiet background (thesis 5.3.6). The click fixes only the distance h from the
+The end should stand before a dark, quiet background (thesis 5.3.6): edges are taught as they are seen there, and what a
+brighter ground does to them later is worked out from that (`tip_ground`). The click fixes only the distance h from the
 marking's lower rim to the end: across the needle the measured axis is better than any hand.
 """
 
