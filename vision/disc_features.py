@@ -68,6 +68,7 @@ def describe_disc(window: Window, edgels: Edgels, circle: CircleFit) -> SeenObje
         neck=neck_width(window, circle, (level + floor) / 2.0),
         touches_border=outside,
         in_needle=0.0,
+        dark_middle=bore is not None,
         ring=is_ring(circle, patch, idea, floor, level - floor),
         circle=circle,
         hole=hole,

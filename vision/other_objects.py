@@ -65,6 +65,7 @@ def _describe(window: Window, region: Component) -> SeenObject:
         touches_border=cut,
         in_needle=in_needle,
         ring=False,
+        dark_middle=False,
         circle=None,
         hole=None,
         distance_px=window.distance_px(*at),

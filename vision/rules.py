@@ -84,7 +84,8 @@ class SeenObject:
     disc of the same area (1 = round). boxed: share of that rectangle it fills. fill: bright share of its circle.
     level, contrast: its median brightness, and that above its surroundings. neck: width of the widest bright thing that
     goes on beyond its circle, over the circle's diameter (0 = nothing). in_needle: share of it where an unknown needle
-    may be. ring: its hole is wide and shows the board, as in a drawn circle. circle, hole: measured on raw pixels.
+    may be. ring: its hole is wide and shows the board, as in a drawn circle. dark_middle: something dark and round lies
+    in its middle, a hole though it may be too small to be measured. circle, hole: measured on raw pixels.
     """
 
     x_px: float
@@ -101,6 +102,7 @@ class SeenObject:
     touches_border: bool
     in_needle: float
     ring: bool
+    dark_middle: bool
     circle: CircleFit | None
     hole: Hole | None
     distance_px: float
@@ -121,6 +123,10 @@ class Wanted:
             return tuple((low - CLASS_SLACK_PX, high + CLASS_SLACK_PX) for low, high in (VIA_RADIUS_PX, SITE_RADIUS_PX))
         slack = max(EXPECTED_SHARE * self.expected_radius_px, EXPECTED_SLACK_PX)
         return ((self.expected_radius_px - slack, self.expected_radius_px + slack),)
+
+    def is_sized(self, radius_px: float) -> bool:
+        """Tell whether a radius is wanted."""
+        return any(low <= radius_px <= high for low, high in self.radii_px)
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,7 +168,7 @@ def wrong_size(seen: SeenObject, wanted: Wanted) -> Verdict:
     if seen.circle is None:
         return Verdict.PASS
     radius = seen.circle.radius_px
-    if any(low <= radius <= high for low, high in wanted.radii_px):
+    if wanted.is_sized(radius):
         return Verdict.PASS
     if wanted.expected_radius_px is not None:
         return Verdict.THROW if is_round(seen) else Verdict.PASS

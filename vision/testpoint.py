@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from vision.circle import CircleFit
 from vision.edgels import LEAST_SLOPE, Edgels, find_edgels
 from vision.image import Gray, check_bgr, check_exposure, check_point, red_signal
 from vision.needle_edges import LEAST_SLOPE as NEEDLE_SLOPE
@@ -21,6 +22,8 @@ from vision.probe_model import needle_outline
 from vision.round_objects import round_objects
 from vision.rules import (
     DOUBTFUL_RATIO,
+    LEAST_VISIBLE,
+    OVAL_RATIO,
     ROUND_COVERAGE,
     RULES,
     SITE_RADIUS_PX,
@@ -33,6 +36,7 @@ from vision.rules import (
     angular,
     decide,
     is_clear,
+    is_round,
     is_via,
     stroke_end,
 )
@@ -108,11 +112,11 @@ class Seen:
     def possible(self, expected_radius_px: float, *, followed: bool = False) -> tuple[TestPoint, ...]:
         """Return the undecided round things of that semi-major radius, seen nearly whole and not too oval.
 
-        A pad whose trace shows in the same opening of the mask may be one; so may, of a pad that is `followed` from an
-        earlier look, what was thrown for going on like a stroke. None of them is a test point by its looks; who knows
-        from elsewhere that a pad lies just there may still take it (`constellation.match_near`).
+        A pad whose trace shows in the same opening of the mask may be one; with a hole in its middle, also if the trace
+        makes it look wider or more oval than it is. Of a pad that is `followed` from an earlier look so may what was
+        thrown for going on like a stroke. None of them is a test point by its looks; who knows from elsewhere that a
+        pad lies just there may still take it (`constellation.match_near`).
         """
-        slack = max(POSSIBLE_SHARE * expected_radius_px, POSSIBLE_SLACK_PX)
         corner = self.window_px[0], self.window_px[1]
         strokes = [item for item in self.thrown if followed and item.rule == stroke_end.__name__]
         return tuple(
@@ -121,9 +125,16 @@ class Seen:
             if (circle := item.object.circle) is not None
             and circle.visible >= NEARLY_WHOLE
             and circle.coverage >= ROUND_COVERAGE
-            and circle.ratio >= DOUBTFUL_RATIO
-            and abs(circle.radius_px - expected_radius_px) <= slack
+            and _fits(circle, expected_radius_px, drilled=_is_drilled(item.object))
         )
+
+
+def _fits(circle: CircleFit, expected_radius_px: float, *, drilled: bool) -> bool:
+    """Tell whether a circle may be a pad of that radius; one that is `drilled` is no trace: less is asked of it."""
+    if drilled:
+        return circle.ratio >= OVAL_RATIO and Wanted(expected_radius_px, 0.0).is_sized(circle.radius_px)
+    slack = max(POSSIBLE_SHARE * expected_radius_px, POSSIBLE_SLACK_PX)
+    return circle.ratio >= DOUBTFUL_RATIO and abs(circle.radius_px - expected_radius_px) <= slack
 
 
 def find_test_points(
@@ -198,7 +209,9 @@ def _apart(decided: list[Decided]) -> list[Decided]:
     """Throw a circle that lies in a better seen one that was taken; leave undecided two that only overlap.
 
     Pads may touch, but never lie on each other: one of the two is not what it seems, or both are ends of one oblong.
+    If one of them is drilled, the other is the trace that shows in the same opening of the mask.
     """
+    decided = _traces_thrown(decided)
     kept: list[Decided] = []
     for item in sorted(decided, key=lambda item: (item.verdict is not Verdict.TAKE, -_trust(item))):
         taken = [other for other in kept if other.verdict is Verdict.TAKE]
@@ -217,6 +230,25 @@ def _apart(decided: list[Decided]) -> list[Decided]:
         )
 
     return [judged(item) for item in kept]
+
+
+def _traces_thrown(decided: list[Decided]) -> list[Decided]:
+    """Throw what lies on a pad with a hole in its middle, and has none itself though its own middle shows."""
+    drilled = [item for item in decided if item.verdict is not Verdict.THROW and _is_drilled(item.object)]
+
+    def judged(item: Decided) -> Decided:
+        seen, circle = item.object, item.object.circle
+        if item.verdict is Verdict.THROW or circle is None or seen.dark_middle or circle.visible < LEAST_VISIBLE:
+            return item
+        on_pad = any(_overlap(item, pad, OVERLAP_SHARE) for pad in drilled)
+        return replace(item, verdict=Verdict.THROW, rule="trace_of_pad") if on_pad else item
+
+    return [judged(item) for item in decided]
+
+
+def _is_drilled(seen: SeenObject) -> bool:
+    """Tell whether an object is round and has a hole in its middle. A drawn ring has none: the board shows in it."""
+    return seen.dark_middle and not seen.ring and is_round(seen)
 
 
 def _angular_after_all(decided: list[Decided], regions: list[Decided]) -> list[Decided]:

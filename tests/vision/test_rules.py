@@ -10,7 +10,7 @@ CIRCLE = CircleFit(
     50.0, 50.0, 17.0, 0.87, 1.0, 0.03, 1.0, 0.95, 0.01, 0.05, np.ones(48, bool), Contour(50.0, 50.0, 17.0)
 )
 PAD = SeenObject(
-    50.0, 50.0, 900.0, 34.0, 34.0, 1.0, 0.785, 1.0, 190.0, 150.0, 0.0, False, 0.0, False, CIRCLE, None, 5.0
+    50.0, 50.0, 900.0, 34.0, 34.0, 1.0, 0.785, 1.0, 190.0, 150.0, 0.0, False, 0.0, False, False, CIRCLE, None, 5.0
 )
 BLOB = replace(PAD, circle=None)
 ANY = Wanted(None, 190.0)
