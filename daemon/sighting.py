@@ -22,6 +22,8 @@ from vision.posemap import Correction, PoseMap
 UNUSABLE = frozenset({Reason.TOO_DARK, Reason.SATURATED, Reason.BLURRED, Reason.OUT_OF_FRAME})
 STILL_UM = 45.0
 """From one look of a job to the next the target is where it was, within five sigma of the stops' scatter."""
+AGAIN = 2
+"""How often what is unclear is looked at again."""
 UNCLEAR = frozenset({Kind.UNDECIDED, Kind.AMBIGUOUS, Kind.TEST_POINT_NOT_FOUND})
 """What another point of view may clear up. A tip that is not found is none of these: nothing moves without it."""
 NO_MATCH = {
@@ -75,13 +77,14 @@ async def look_and_aim(
 ) -> Aim:
     """Look from `position` and find the way to `point`; a `Fault` says what could not be seen.
 
-    What is unclear is looked at once more from the same place: the camera's noise is another, nothing moves.
+    What is unclear is looked at again from the same place: the camera's noise is another, nothing moves.
     """
-    try:
-        return await _aim(job, bench, position, point, pose_map, prior)
-    except Fault as unclear:
-        if unclear.kind not in UNCLEAR and unclear.kind is not Kind.TIP_NOT_FOUND:
-            raise
+    for _ in range(AGAIN):
+        try:
+            return await _aim(job, bench, position, point, pose_map, prior)
+        except Fault as unclear:
+            if unclear.kind not in UNCLEAR and unclear.kind is not Kind.TIP_NOT_FOUND:
+                raise
     return await _aim(job, bench, position, point, pose_map, prior)
 
 

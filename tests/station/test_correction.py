@@ -66,7 +66,7 @@ def test_what_stays_unclear_from_both_sides_leaves_the_head_where_it_was(rig: Ri
         rig.bench.ask("set", name="board_dx_um", value=as_it_lay)
     assert result.error is not None
     assert result.error.name in ("test_point_not_found", "ambiguous", "undecided")
-    assert (result.looks, result.moves) == (6, 3), "from each place twice"
+    assert (result.looks, result.moves) == (9, 3), "from each place three times"
     after = rig.truth()["axes"]
     assert max(abs(after[axis] - before[axis]) for axis in ("x_um", "y_um")) < 50.0
     assert client.job("correct", test_point="TP9").ok
