@@ -12,7 +12,6 @@ from functools import lru_cache
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dposv
 
 from vision.image import Gray, Plane
 
@@ -140,6 +139,8 @@ def solve_normal(normal: Floats, right: Floats) -> Floats:
 
     LAPACK's Cholesky, called directly: for a handful of parameters numpy's checks cost more than the solving.
     """
+    from scipy.linalg.lapack import dposv  # noqa: PLC0415  # a third of what a start would load, see `vision.warm`
+
     _, parameters, info = dposv(normal, right)
     if info != 0:
         raise ValueError("the normal equations are singular: the points do not determine the parameters")

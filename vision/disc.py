@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from vision.caliper import Floats, middle, solve_normal, spread, tukey
 from vision.circle import Contour
@@ -210,6 +209,8 @@ def _contours(state: Floats) -> tuple[Contour, Contour | None]:
 def _linearise(pixels: _Pixels, state: Floats) -> tuple[Floats, Floats]:
     """Return (design (N, P), model (N,)) at a state."""
     disc, hole = _contours(state)
+    from scipy.special import ndtr  # noqa: PLC0415  # a third of what a start would load, see `vision.warm`
+
     blur = float(state[BLUR])
     off, c, s = _polar(pixels, disc)
     along, across = pixels.u / disc.radius_px, pixels.v / disc.radius_px

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import stdtrit
 
 from vision.frames import Array
 from vision.projection import check_points
@@ -164,6 +163,8 @@ def _spread_out(places_mm: Array) -> bool:
 
 def _believable(design: Array, heights: Array, sigma_um: float) -> NDArray[np.bool_]:
     """Return (N,) bool, False for the places, a tenth at most, that chance alone would not put where they are."""
+    from scipy.special import stdtrit  # noqa: PLC0415  # as in `vision.disc`
+
     n = len(design)
     every = np.ones(n, dtype=bool)
     if n < LEAST_TO_LEAVE_ONE:

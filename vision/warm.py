@@ -1,0 +1,17 @@
+"""Load what the first look needs and a start does not: a daemon says that it is ready, then does this beside.
+
+Imports in functions (LAPACK, special functions) cost a third of the time a process takes to start, and nothing once
+they have been done.
+"""
+
+from __future__ import annotations
+
+import importlib
+
+LATE = ("scipy.linalg.lapack", "scipy.special")
+
+
+def warm_up() -> None:
+    """Load them; from any thread."""
+    for name in LATE:
+        importlib.import_module(name)
