@@ -58,6 +58,10 @@ class CameraStatistics:
 
     grabbed: int = 0
     delivered: int = 0
+    late: int = 0
+    """Passed over while somebody waited: exposed before the instant that was asked for."""
+    missed: int = 0
+    """Gaps in the camera's own numbering: pictures that never got here."""
     undecodable: int = 0
     identical: int = 0
     timeouts: int = 0

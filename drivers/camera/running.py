@@ -18,6 +18,9 @@ from drivers.camera.source import Grabbed, Settings, Source
 from drivers.deadline import Deadline
 from drivers.errors import CameraError, CameraTimeout
 
+CLOSE_WITHIN_S = 3.0
+"""Longest wait for the thread to end. A device that hangs in a system call keeps it longer, but nobody else."""
+
 
 @dataclass(slots=True, eq=False)
 class _Wish:
@@ -39,6 +42,7 @@ class RunningCamera:
         self._settings: Settings = {}
         self._statistics = CameraStatistics()
         self._trouble: str | None = None
+        self._outage = False
         self._last_crc: int | None = None
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
@@ -48,9 +52,10 @@ class RunningCamera:
         """Open the camera and start grabbing; raise CameraError when it does not open by the deadline."""
         if self._thread is not None:
             raise CameraError("is open already", device=self.config.device)
-        self._stop.clear()
+        # One for each thread: a thread that was left behind must not come to life again.
+        self._stop = threading.Event()
         opened: Future[None] = Future()
-        self._thread = threading.Thread(target=self._run, args=(opened,), name="camera", daemon=True)
+        self._thread = threading.Thread(target=self._run, args=(opened, self._stop), name="camera", daemon=True)
         self._thread.start()
         try:
             async with asyncio.timeout(deadline.remaining_s):
@@ -94,20 +99,26 @@ class RunningCamera:
         return self._statistics
 
     async def close(self) -> None:
-        """Stop the thread and close the camera; waiting callers get CameraError. Safe to call twice."""
+        """Stop the thread and close the camera; waiting callers get CameraError. Safe to call twice.
+
+        A thread that is held by a hanging device is left behind, and closes the camera when it is let go.
+        """
         thread, self._thread = self._thread, None
         if thread is None:
             return
         self._stop.set()
         # The thread ends after at most one grab time-out; it must not hold the event loop
-        await asyncio.get_running_loop().run_in_executor(None, thread.join)
+        await asyncio.get_running_loop().run_in_executor(None, thread.join, CLOSE_WITHIN_S)
+        if thread.is_alive():
+            self._log.error("camera.hangs", cause=f"not closed within {CLOSE_WITHIN_S:g} s", advice="Plug it in again.")
+            self._refuse_all(CameraError("was closed", device=self.config.device))
 
     # ------------------------------------------------------------------ the thread
-    def _run(self, opened: "Future[None]") -> None:
+    def _run(self, opened: "Future[None]", stop: threading.Event) -> None:
         """Grab until told to stop; open again with back-off after a failure."""
         backoff_s = self.config.backoff_s
         first = True
-        while not self._stop.is_set():
+        while not stop.is_set():
             source = self._make_source()
             try:
                 self._settings = source.open()
@@ -118,8 +129,7 @@ class RunningCamera:
                     opened.set_result(None)
                 else:
                     self._count(reopened=1)
-                    self._log.info("camera.back")
-                self._grab_until_trouble(source)
+                self._grab_until_trouble(source, stop)
                 backoff_s = self.config.backoff_s
             except CameraError as exc:
                 if first:
@@ -129,24 +139,34 @@ class RunningCamera:
                 self._note(exc)
             finally:
                 source.close()
-            self._stop.wait(backoff_s)
+            stop.wait(backoff_s)
             backoff_s = min(2 * backoff_s, self.config.backoff_max_s)
-        self._refuse_all(CameraError("was closed", device=self.config.device))
+        if stop is self._stop:
+            self._refuse_all(CameraError("was closed", device=self.config.device))
 
-    def _grab_until_trouble(self, source: Source) -> None:
-        while not self._stop.is_set():
+    def _grab_until_trouble(self, source: Source, stop: threading.Event) -> None:
+        last: int | None = None
+        while not stop.is_set():
             grabbed = source.grab()
             if grabbed is None:
                 self._count(timeouts=1)
                 text = f"no picture within {self.config.frame_timeout_s:g} s"
                 raise CameraError(text, device=self.config.device)
-            self._count(grabbed=1)
+            self._count(grabbed=1, missed=0 if last is None else max(0, grabbed.sequence - last - 1))
+            last = grabbed.sequence
+            if self._outage:
+                self._outage = False
+                self._log.info("camera.back")
             if self._wanted(grabbed):
                 self._deliver(source, grabbed)
 
     def _wanted(self, grabbed: Grabbed) -> bool:
         with self._lock:
-            return any(wish.after_s <= grabbed.exposure_start_s for wish in self._wishes)
+            wanted = any(wish.after_s <= grabbed.exposure_start_s for wish in self._wishes)
+            late = bool(self._wishes) and not wanted
+        if late:
+            self._count(late=1)
+        return wanted
 
     def _deliver(self, source: Source, grabbed: Grabbed) -> None:
         got = source.retrieve()
@@ -179,9 +199,9 @@ class RunningCamera:
         return last == self._last_crc
 
     def _note(self, exc: CameraError) -> None:
-        """Log one error per outage; the rest is detail."""
-        level = self._log.debug if self._trouble == exc.message else self._log.error
-        self._trouble = exc.message
+        """Log one error per outage, which lasts until a picture comes again; the rest is detail."""
+        level = self._log.debug if self._outage else self._log.error
+        self._outage, self._trouble = True, exc.message
         level("camera.lost", cause=exc.message)
 
     def _refuse_all(self, exc: CameraError) -> None:

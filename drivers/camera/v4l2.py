@@ -17,6 +17,8 @@ from drivers.errors import CameraError
 _EXPOSURE_MANUAL: Final = 1
 # EXPOSURE_ABSOLUTE counts 100 us
 _EXPOSURE_STEP_US: Final = 100
+# A grab that fails sooner than this share of the time-out was not waiting for a picture
+_ENDED_SHARE: Final = 0.5
 # A kernel time stamp older than this, or from the future, is not one of CLOCK_MONOTONIC
 _PLAUSIBLE_AGE_S: Final = 30.0
 _FOURCC: Final = {"mjpg": "MJPG", "bgr8": "YUYV"}
@@ -64,11 +66,12 @@ class V4L2Source:
         self._sequence = 0
         self._exposure_s = (config.exposure_us or 0) / 1e6
         self._period_s = 1.0 / config.fps
+        self._select_s = max(1, round(config.frame_timeout_s))
 
     def open(self) -> Settings:
         """Open the device, set format and controls (automatics off first), read everything back."""
         # OpenCV waits in select; this is read when a device is opened
-        os.environ["OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT"] = str(max(1, round(self._config.frame_timeout_s)))
+        os.environ["OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT"] = str(self._select_s)
         capture = self._factory(self._config.device)
         self._capture = capture
         if not capture.isOpened():
@@ -100,6 +103,11 @@ class V4L2Source:
             text = f"gives {got[0]}x{got[1]} instead of {config.width_px}x{config.height_px}"
             advice = "Choose a size the camera lists (v4l2-ctl --list-formats-ext)."
             raise CameraError(text, device=config.device, advice=advice)
+        # Asked for a format the camera lacks, OpenCV quietly takes another, which then looks like torn JPEG
+        given = round(capture.get(cv2.CAP_PROP_FOURCC))
+        if config.encoding == "mjpg" and given != fourcc:
+            advice = "Ask for bgr8, or choose a camera that lists MJPG (v4l2-ctl --list-formats)."
+            raise CameraError(f"gives {_name(given)} instead of MJPG", device=config.device, advice=advice)
 
     def _set_controls(self, capture: Capture) -> Settings:
         config = self._config
@@ -131,8 +139,13 @@ class V4L2Source:
         }
 
     def grab(self) -> Grabbed | None:
-        """Take the oldest buffer; OpenCV's select ends the wait."""
-        if self._capture is None or not self._capture.grab():
+        """Take the oldest buffer; OpenCV's select ends the wait. Raise CameraError when the stream itself has ended."""
+        if self._capture is None:
+            return None
+        began_s = time.monotonic()
+        if not self._capture.grab():
+            if time.monotonic() - began_s < _ENDED_SHARE * self._select_s:
+                raise CameraError("gives no more pictures: unplugged, or its stream broke", device=self._config.device)
             return None
         self._sequence += 1
         now_s = time.monotonic()
@@ -176,6 +189,11 @@ class V4L2Source:
 def _read(capture: Capture, prop: int) -> float | None:
     value = capture.get(prop)
     return None if value == _MISSING else value
+
+
+def _name(fourcc: int) -> str:
+    """Return a pixel format's four letters."""
+    return (fourcc & 0xFFFFFFFF).to_bytes(4, "little").decode("ascii", "replace")
 
 
 class V4L2Camera(RunningCamera):

@@ -39,6 +39,7 @@ class Gantry:
         self._axes = {name: axes[name] for name in AXES}
         self._ends = Ends(ranges["x"], ranges["y"], ranges["z"], ranges["theta"])
         self._moving = False
+        self._off: dict[str, float] = {}
         self._log = structlog.get_logger().bind(device=_NAME)
 
     # ------------------------------------------------------------------ looks
@@ -58,6 +59,11 @@ class Gantry:
     async def health(self, deadline: Deadline) -> tuple[AxisHealth, ...]:
         """Give what each drive says of itself, in the order x, y, z, theta."""
         return tuple([await axis.health(deadline) for axis in self._axes.values()])
+
+    def take_arrivals(self) -> Mapping[str, float]:
+        """Give how far from its target each axis stopped at worst since this was last asked; none that did not move."""
+        off, self._off = self._off, {}
+        return off
 
     @property
     def moving(self) -> bool:
@@ -126,6 +132,7 @@ class Gantry:
         wanted, got = _by_axis(target), _by_axis(reached)
         for name, axis in self._axes.items():
             error = got[name] - wanted[name]
+            self._off[name] = max(self._off.get(name, 0.0), abs(error))
             if abs(error) > axis.config.window_units + self._slack(name):
                 text = f"{name} is at {got[name]:.4f}, {error:+.4f} off its target"
                 raise Stalled(text, device=axis.config.name)

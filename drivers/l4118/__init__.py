@@ -1,7 +1,7 @@
 """One axis of the machine: a stepper drive with CiA 402 over Modbus."""
 
-from drivers.l4118.contract import AxisConfig, AxisFindings, AxisHealth, AxisStatus, HomingConfig
+from drivers.l4118.contract import AxisConfig, AxisFindings, AxisHealth, AxisIdentity, AxisStatus, HomingConfig
 from drivers.l4118.driver import Axis
 from drivers.l4118.objects import State
 
-__all__ = ["Axis", "AxisConfig", "AxisFindings", "AxisHealth", "AxisStatus", "HomingConfig", "State"]
+__all__ = ["Axis", "AxisConfig", "AxisFindings", "AxisHealth", "AxisIdentity", "AxisStatus", "HomingConfig", "State"]

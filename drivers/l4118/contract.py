@@ -161,6 +161,17 @@ class AxisHealth:
 
 
 @dataclass(frozen=True, slots=True)
+class AxisIdentity:
+    """1018h: which drive this is."""
+
+    vendor_id: int
+    product_code: int
+    revision: int
+    """Firmware: the maker's own numbering."""
+    serial_number: int
+
+
+@dataclass(frozen=True, slots=True)
 class AxisFindings:
     """What the self-test at start settled."""
 
@@ -172,3 +183,12 @@ class AxisFindings:
     tx_mapping: tuple[int, ...]
     rx_mapping: tuple[int, ...]
     homed: bool
+    status: AxisStatus
+    error_code: int
+    """603Fh, zero when there is none."""
+
+    @property
+    def fit(self) -> bool:
+        """Whether nothing speaks against work: no error, no fault, not on a limit switch."""
+        on_limit = self.homed and (self.status.negative_limit or self.status.positive_limit)
+        return not (self.error_code or on_limit or self.status.state in (None, State.FAULT, State.FAULT_REACTION))

@@ -28,7 +28,7 @@ from drivers.errors import (
 from drivers.l4118 import objects as od
 from drivers.l4118.access import DriveAccess
 from drivers.l4118.arrival import ArrivalWatch
-from drivers.l4118.contract import AxisConfig, AxisFindings, AxisHealth, AxisStatus
+from drivers.l4118.contract import AxisConfig, AxisFindings, AxisHealth, AxisIdentity, AxisStatus
 from drivers.l4118.objects import Control, Mode, State
 from drivers.l4118.startup import prepare
 from drivers.l4118.units import SpeedUnit
@@ -73,6 +73,11 @@ class Axis:
         if findings.homed:
             await self._write_limits(deadline)
         return findings
+
+    async def identity(self, deadline: Deadline) -> AxisIdentity:
+        """Ask the drive who it is; a number it does not give is zero."""
+        entries = (od.VENDOR_ID, od.PRODUCT_CODE, od.REVISION, od.SERIAL_NUMBER)
+        return AxisIdentity(*[await self._drive.read_if_there(entry, deadline) or 0 for entry in entries])
 
     async def status(self, deadline: Deadline) -> AxisStatus:
         """Look at the axis."""

@@ -10,6 +10,9 @@ ERROR_REGISTER = OdEntry(0x1001, 0, 1)
 ERROR_STACK_TOP = OdEntry(0x1003, 1, 4)
 # Vendor number; 0000026Ch is Nanotec
 VENDOR_ID = OdEntry(0x1018, 1, 4)
+PRODUCT_CODE = OdEntry(0x1018, 2, 4)
+REVISION = OdEntry(0x1018, 3, 4)
+SERIAL_NUMBER = OdEntry(0x1018, 4, 4)
 # NanoJ inputs: volatile, zero at power-up. The last one keeps our homed marker
 HOMED_MARKER = OdEntry(0x2400, 0x20, 4)
 RX_MAPPING = 0x3502

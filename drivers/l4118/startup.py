@@ -15,7 +15,7 @@ from drivers.errors import DeviceRefused, LinkTimeout, MotionError, MotionTimeou
 from drivers.l4118 import image
 from drivers.l4118 import objects as od
 from drivers.l4118.access import DriveAccess
-from drivers.l4118.contract import AxisFindings
+from drivers.l4118.contract import AxisFindings, AxisStatus
 from drivers.l4118.units import SpeedUnit, decode_speed_unit
 
 # Two different words, and a number that means no move worth the name if ever it were taken for a target
@@ -35,7 +35,7 @@ async def prepare(drive: DriveAccess, deadline: Deadline) -> tuple[AxisFindings,
     await _bring_to_rest(drive, deadline)
     drive.tx = await _ensure_mapping(drive, od.TX_MAPPING, image.TX_WANTED, deadline)
     drive.rx = await _ensure_mapping(drive, od.RX_MAPPING, image.RX_WANTED, deadline)
-    await _settle_word_order(drive, deadline)
+    status = await _settle_word_order(drive, deadline)
     unit_kept = await _ensure_position_unit(drive, deadline)
     speed_raw = await drive.read(od.SPEED_UNIT, deadline)
     speed = decode_speed_unit(speed_raw, drive.config.increments_per_rev)
@@ -55,6 +55,8 @@ async def prepare(drive: DriveAccess, deadline: Deadline) -> tuple[AxisFindings,
         tx_mapping=drive.tx.entries,
         rx_mapping=drive.rx.entries,
         homed=marker == drive.config.homed_marker,
+        status=status,
+        error_code=await drive.read(od.ERROR_CODE, deadline),
     )
     structlog.get_logger().info("axis.prepared", device=drive.config.name, findings=findings)
     return findings, speed
@@ -129,10 +131,11 @@ async def _ensure_mapping(drive: DriveAccess, array: int, wanted: Sequence[int],
     return layout
 
 
-async def _settle_word_order(drive: DriveAccess, deadline: Deadline) -> None:
+async def _settle_word_order(drive: DriveAccess, deadline: Deadline) -> AxisStatus:
     """Write a target with two different words into the image, power off, and read it back by FC 43.
 
-    Without a set-point edge in operation enabled this starts nothing. Then the position is compared both ways.
+    Without a set-point edge in operation enabled this starts nothing. Then the position is compared both ways. Returns
+    the status that came with it.
     """
     drive.word_order = "big"
     drive.target_increments, drive.velocity_counts = _ORDER_PATTERN, 0
@@ -154,6 +157,7 @@ async def _settle_word_order(drive: DriveAccess, deadline: Deadline) -> None:
     if abs(by_image - position) > abs(drive.config.window_units * drive.config.increments_per_unit):
         text = f"position is {position} by FC 43 and {by_image} in the image"
         raise ReplyError(text, device=drive.config.name, advice="Check the mapping 3602h of this drive.")
+    return status
 
 
 async def _ensure_position_unit(drive: DriveAccess, deadline: Deadline) -> bool:

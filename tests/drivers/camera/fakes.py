@@ -49,6 +49,8 @@ class FakeCapture:
         return -1.0 if propId in self.world.missing else self.props.get(propId, 0.0)
 
     def grab(self) -> bool:
+        self.world.hanging = not self.world.let_go.is_set()
+        self.world.let_go.wait()
         time.sleep(self.world.period_s)
         self.number += not self.world.frozen
         self.stamp_s = time.monotonic() - 0.001 if self.world.stamps else 0.0
@@ -71,6 +73,10 @@ class World:
     """The camera's surroundings, which a test may spoil at any time."""
 
     def __init__(self) -> None:
+        self.let_go = threading.Event()
+        """Cleared, every grab hangs as in a driver of the system that waits for its device."""
+        self.let_go.set()
+        self.hanging = False
         self.present = True
         self.stopped = self.frozen = self.torn = False
         self.stamps = self.raw_jpeg = True

@@ -10,8 +10,9 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from structlog.testing import capture_logs
 
-from drivers.camera import CameraConfig, StreamCamera, V4L2Camera
+from drivers.camera import CameraConfig, StreamCamera, V4L2Camera, running
 from drivers.camera.running import RunningCamera
 from drivers.camera.v4l2 import V4L2Source
 from drivers.deadline import Deadline
@@ -202,7 +203,7 @@ async def test_a_lost_camera_is_opened_again(world: World, v4l2: V4L2Camera, soo
     """It should name the trouble while it lasts and go on when it is back."""
     setattr(world, fault, fault == "stopped")
     await until(lambda: len(world.opened) >= 3, soon)
-    with pytest.raises(CameraTimeout, match=r"cannot be opened|no picture within"):
+    with pytest.raises(CameraTimeout, match=r"cannot be opened|no more pictures"):
         await v4l2.frame_after(time.monotonic(), Deadline.after(0.05))
     setattr(world, fault, fault != "stopped")
     await v4l2.frame_after(time.monotonic(), soon)
@@ -249,6 +250,35 @@ async def test_a_decoded_capture_and_a_wrong_size(world: World, soon: Deadline) 
     world.clamp[cv2.CAP_PROP_FRAME_WIDTH] = 32
     with pytest.raises(CameraError, match="gives 32x48 instead of 64x48"):
         await V4L2Camera(config(), world.factory).open(soon)
+
+
+async def test_another_format_than_was_asked_for_is_refused(world: World, soon: Deadline) -> None:
+    """It should say which one the camera gives: read as JPEG it would look like torn pictures for ever."""
+    world.clamp[cv2.CAP_PROP_FOURCC] = cv2.VideoWriter.fourcc(*"BGR3")
+    with pytest.raises(CameraError, match="gives BGR3 instead of MJPG"):
+        await V4L2Camera(config(), world.factory).open(soon)
+    camera = V4L2Camera(config(encoding="bgr8"), world.factory)  # here the library makes BGR of what there is
+    await camera.open(soon)
+    await camera.close()
+
+
+@pytest.mark.parametrize(("waits_s", "text"), [(0.0, "no more pictures"), (1.0, "no picture within 1 s")])
+async def test_a_stream_that_broke_is_told_from_one_that_is_silent(
+    world: World, soon: Deadline, waits_s: float, text: str
+) -> None:
+    """It should not call a time-out what failed at once."""
+    camera = V4L2Camera(config(frame_timeout_s=1.0), world.factory)
+    await camera.open(soon)
+    await camera.frame_after(time.monotonic(), soon)
+    world.period_s, before = waits_s, world.grabs
+    await until(lambda: world.grabs > before, soon)  # those after this one wait so long
+    world.stopped = True
+    await until(lambda: camera.statistics().reopened >= 1, soon)
+    with pytest.raises(CameraTimeout, match=text):
+        await camera.frame_after(time.monotonic(), Deadline.after(0.05))
+    assert bool(camera.statistics().timeouts) == (waits_s > 0)
+    world.period_s = 0.02
+    await camera.close()
 
 
 async def test_a_missing_device_is_a_camera_error(soon: Deadline, tmp_path: Path) -> None:
@@ -370,3 +400,67 @@ def test_a_jpeg_cut_short_is_no_picture() -> None:
     assert decode_jpeg(whole, WIDTH + 1, HEIGHT) is None
     assert decode_jpeg(b"\xff\xd8 nothing \xff\xd9", WIDTH, HEIGHT) is None
     assert decode_jpeg(b"", WIDTH, HEIGHT) is None
+
+
+async def test_an_outage_is_one_error_and_one_word_when_pictures_come_again(world: World, soon: Deadline) -> None:
+    """It should not report the same outage with every try, nor call an opened camera without pictures back."""
+    with capture_logs() as said:
+        camera = V4L2Camera(config(), world.factory)
+        await camera.open(soon)
+        await camera.frame_after(time.monotonic(), soon)
+        world.stopped = True
+        await until(lambda: camera.statistics().reopened >= 3, soon)
+        world.stopped = False
+        await camera.frame_after(time.monotonic(), soon)
+        await camera.close()
+    spoken = [(entry["log_level"], entry["event"]) for entry in said if entry["log_level"] != "debug"]
+    assert spoken == [("error", "camera.lost"), ("info", "camera.back")]
+
+
+async def test_frames_passed_over_while_somebody_waits_are_counted_as_late(v4l2: V4L2Camera, soon: Deadline) -> None:
+    """It should count those exposed before the wanted instant."""
+    with pytest.raises(CameraTimeout):
+        await v4l2.frame_after(time.monotonic() + 60.0, Deadline.after(0.05))
+    assert v4l2.statistics().late > 0
+    assert v4l2.statistics().missed == 0
+
+
+async def test_frames_that_were_lost_on_the_way_are_counted_as_missed(
+    server: StreamServer, stream: StreamCamera, soon: Deadline
+) -> None:
+    """It should see the gaps in the camera's own numbers."""
+
+    def every_third(_request: dict[str, Any], replies: list[list[bytes]]) -> list[list[bytes]]:
+        body = json.loads(replies[0][0])
+        if "sequence" in body:
+            body["sequence"] *= 3
+        return [[json.dumps(body).encode(), *replies[0][1:]]]
+
+    await stream.frame_after(time.monotonic(), soon)
+    server.spoil = every_third
+    await until(lambda: stream.statistics().missed > 4, soon)
+
+
+async def test_a_camera_that_hangs_is_left_behind_and_hurts_nobody_when_it_wakes(
+    world: World, soon: Deadline, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It should close in time, open anew beside the hanging one, and not be disturbed by its end."""
+    monkeypatch.setattr(running, "CLOSE_WITHIN_S", 0.05)
+    camera = V4L2Camera(config(), world.factory)
+    await camera.open(soon)
+    waiting = asyncio.create_task(camera.frame_after(time.monotonic() + 60.0, soon))
+    world.let_go.clear()
+    await until(lambda: world.hanging, soon)
+    with capture_logs() as said:
+        await camera.close()
+    assert [entry["event"] for entry in said] == ["camera.hangs"]
+    with pytest.raises(CameraError, match="was closed"):
+        await waiting
+    await camera.open(soon)
+    waiting = asyncio.create_task(camera.frame_after(time.monotonic() + 0.1, soon))
+    await asyncio.sleep(0)
+    world.let_go.set()
+    assert (await waiting).sequence > 0
+    await until(lambda: world.released == 1, soon)
+    await camera.close()
+    assert world.released == 2

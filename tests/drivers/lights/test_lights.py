@@ -2,6 +2,7 @@
 
 import asyncio
 import os
+import select
 import threading
 import tty
 from pathlib import Path
@@ -123,7 +124,10 @@ async def test_the_serial_relay_switches_off_before_on(soon: Deadline) -> None:
         await lights.set(Light.WHITE, soon)
         await lights.set(Light.RED, soon)
         await lights.close()
-        sent = os.read(master, 200)
+        # What was written arrives at the other end a moment later, and not in one piece.
+        sent = b""
+        while len(sent) < 8 * len(command(1, on=True)) and select.select([master], [], [], soon.remaining_s)[0]:
+            sent += os.read(master, 200)
     finally:
         os.close(master)
         os.close(slave)
