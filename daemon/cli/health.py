@@ -1,0 +1,128 @@
+"""`reprobe health`, `reprobe acknowledge`, `reprobe report`: how the station is, who knows of it, and a month of it."""
+
+from __future__ import annotations
+
+import asyncio
+import getpass
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from daemon.cli.journal import ConfigFile
+from daemon.cli.output import DEFAULT_ENDPOINT, FAILED, USAGE, AsJson, Endpoint, answered, fail, out, say_json
+from daemon.client import Client
+from daemon.config import ConfigError, load_config
+
+app = typer.Typer()
+ALL_ALERTS = 2**62
+"""No alert has so high a number: of past ones none is asked for."""
+COLOURS = {"good": "green", "alert": "red", "learning": "yellow", "warning": "yellow", "serious": "red"}
+PAGE_WITHIN_S = 120.0
+
+
+@app.command()
+def health(endpoint: Endpoint = DEFAULT_ENDPOINT, as_json: AsJson = False) -> None:
+    """Show how the station is: every alert with what to do, every watch. Exit code 0: healthy, 1: alerts stand."""
+    with answered(), Client(endpoint) as client:
+        reply = client.request("alerts", since=ALL_ALERTS, limit=1)
+    if as_json:
+        say_json(reply)
+    else:
+        _show(reply)
+    if not reply["healthy"]:
+        raise typer.Exit(FAILED)
+
+
+@app.command()
+def acknowledge(
+    alert: Annotated[str, typer.Argument(help="Name of the alert, as `reprobe health` has it.")],
+    note: Annotated[str, typer.Option(help="What you found or will do.")] = "",
+    by: Annotated[str | None, typer.Option(help="Who you are; your login name by default.")] = None,
+    mended: Annotated[bool, typer.Option("--mended", help="Its cause is gone: clear it and learn anew.")] = False,
+    endpoint: Endpoint = DEFAULT_ENDPOINT,
+    as_json: AsJson = False,
+) -> None:
+    """Say that you know of an alert."""
+    with answered(), Client(endpoint) as client:
+        reply = client.request("acknowledge", alert=alert, by=by or getpass.getuser(), note=note, mended=mended)
+    if as_json:
+        say_json(reply)
+    else:
+        known = reply["alert"]
+        out.print(f"{alert}: acknowledged by {escape(known['acknowledged']['by'])}", highlight=False)
+
+
+@app.command()
+def report(
+    config: ConfigFile,
+    month: Annotated[str, typer.Option(help="Which month, such as 2026-11 (UTC).")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="The page to write.")],
+) -> None:
+    """Write a month of the station's health as one HTML page, out of its journal; no daemon is needed."""
+    try:
+        loaded = load_config(config)
+    except ConfigError as exc:
+        fail(str(exc), code=USAGE)
+    journal = loaded.station.data_dir / "journal.sqlite"
+    arguments = ["--journal", str(journal), "--month", month, "--station", loaded.station.name, "-o", str(output)]
+    code, words = asyncio.run(_draw(arguments))
+    if code:
+        fail(words or f"the page was not drawn (status {code})", code=USAGE if code == USAGE else FAILED)
+    out.print(f"written to {output}", highlight=False)
+
+
+async def _draw(arguments: list[str]) -> tuple[int, str]:
+    """Draw the page in a process of its own; return its exit status and what it said."""
+    process = await asyncio.create_subprocess_exec(
+        sys.executable, "-m", "daemon.report.month", *arguments,
+        stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE,
+    )  # fmt: skip
+    try:
+        _, words = await asyncio.wait_for(process.communicate(), PAGE_WITHIN_S)
+    except TimeoutError:
+        process.kill()
+        await process.wait()
+        return FAILED, "drawing the page took too long"
+    return int(process.returncode or 0), words.decode(errors="replace").strip().removeprefix("reprobe report: ")
+
+
+def _show(reply: dict[str, Any]) -> None:
+    """Print alerts with all that belongs to them, then the table of watches."""
+    standing = reply["standing"]
+    for alert in standing:
+        colour = COLOURS[alert["severity"]]
+        out.print(f"[bold {colour}]{alert['severity']}[/] [bold]{alert['name']}[/]: {escape(alert['message'])}",
+                  highlight=False, soft_wrap=True)  # fmt: skip
+        out.print(f"  since about {alert['since_touches']} touches, {alert['since_at'][:16]} UTC", highlight=False)
+        for line in alert["evidence"][-3:]:
+            out.print(f"  [dim]{escape(line)}[/]", highlight=False, soft_wrap=True)
+        out.print(f"  [dim]->[/] {escape(alert['advice'])}", highlight=False, soft_wrap=True)
+        if known := alert["acknowledged"]:
+            note = f": {known['note']}" if known["note"] else ""
+            out.print(f"  acknowledged by {escape(known['by'] + note)}", highlight=False, soft_wrap=True)
+    table = Table("group", "watch", "state", "now", "usual", "allowed", "unit", title=f"{reply['touches']} touches")
+    for watch in reply["watches"]:
+        table.add_row(*_cells(watch))
+    out.print(table)
+    learning = sum(w["state"] == "learning" for w in reply["watches"])
+    healthy = "[green]healthy[/]" if reply["healthy"] else f"[red]{len(standing)} alert{'s'[: len(standing) > 1]}[/]"
+    out.print(f"{healthy}; {learning} of {len(reply['watches'])} watches have not seen enough yet to judge")
+
+
+def _cells(watch: dict[str, Any]) -> list[str]:
+    state = watch["state"]
+    learned = f" {100 * watch['learned']:.0f} %" if state == "learning" else ""
+    low, high = watch["low"], watch["high"]
+    allowed = f"{'' if low is None else f'{low:.4g}'} .. {'' if high is None else f'{high:.4g}'}"
+    return [
+        watch["group"], watch["name"], f"[{COLOURS[state]}]{state}{learned}[/]", _number(watch["figure"]),
+        _number(watch["usual"]), allowed if (low, high) != (None, None) else "", watch["unit"],
+    ]  # fmt: skip
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.4g}"

@@ -1,0 +1,169 @@
+"""The journal's file: its tables, older versions brought up to date, and what is done with a file that cannot be read.
+
+A file of a newer version is refused: this program would not understand it, and moving it aside would lose it. A file
+that is damaged is moved aside with all that belongs to it, and a new one is begun: a station has to go on.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+import time
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import structlog
+
+SCHEMA_VERSION = 2
+BASE_TABLES = """
+CREATE TABLE meta (key TEXT PRIMARY KEY, value INTEGER NOT NULL) STRICT;
+CREATE TABLE jobs (
+    id TEXT PRIMARY KEY, op TEXT NOT NULL, request TEXT NOT NULL, received_at TEXT NOT NULL,
+    seq INTEGER UNIQUE, finished_at TEXT, ok INTEGER, result TEXT
+) STRICT;
+CREATE TABLE steps (
+    n INTEGER PRIMARY KEY AUTOINCREMENT, job TEXT NOT NULL REFERENCES jobs(id), at TEXT NOT NULL,
+    kind TEXT NOT NULL CHECK (kind IN ('look', 'move')), body TEXT NOT NULL
+) STRICT;
+CREATE INDEX steps_of_job ON steps(job);
+CREATE TABLE reports (
+    n INTEGER PRIMARY KEY AUTOINCREMENT, at TEXT NOT NULL, job TEXT, retest TEXT, touches INTEGER NOT NULL
+) STRICT;
+CREATE TABLE alerts (seq INTEGER PRIMARY KEY, at TEXT NOT NULL, body TEXT NOT NULL) STRICT;
+"""
+BASE_NAMES = frozenset({"meta", "jobs", "steps", "reports", "alerts"})
+UPGRADES = {
+    1: """
+CREATE TABLE measurements (
+    n INTEGER PRIMARY KEY AUTOINCREMENT, at TEXT NOT NULL, touches INTEGER NOT NULL, job TEXT NOT NULL,
+    body TEXT NOT NULL
+) STRICT;
+CREATE INDEX measurements_at ON measurements(at);
+CREATE TABLE standing (name TEXT PRIMARY KEY, body TEXT NOT NULL) STRICT;
+CREATE TABLE kept (key TEXT PRIMARY KEY, body TEXT NOT NULL) STRICT;
+CREATE INDEX alerts_at ON alerts(at);
+""",
+}
+"""Version -> what makes the next one of it."""
+_UNREADABLE = frozenset({sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB})
+_OPEN = "open"
+log = structlog.get_logger(__name__)
+
+
+class Unreadable(Exception):
+    """The file is no journal, or a damaged one."""
+
+
+@dataclass(frozen=True)
+class Opened:
+    """An open journal: the first free event number, and where a damaged predecessor was put, with why."""
+
+    db: sqlite3.Connection
+    next_seq: int
+    moved_to: Path | None = None
+    why: str = ""
+
+
+def open_file(path: Path) -> Opened:
+    """Open, make or bring up to date the journal at `path`; raise sqlite3.Error or OSError if it cannot be used."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        return Opened(*_connect(path))
+    except Unreadable as exc:
+        why = str(exc)
+    first_seq = max(_salvaged_seq(path), int(time.time()))
+    moved = move_aside(path)
+    log.error("journal_moved_aside", file=str(moved), why=why)
+    db, _ = _connect(path)
+    set_meta(db, "next_seq", first_seq)
+    return Opened(db, first_seq, moved, why)
+
+
+def set_meta(db: sqlite3.Connection, key: str, value: int) -> None:
+    """Write one number."""
+    db.execute("INSERT INTO meta VALUES (?, ?) ON CONFLICT(key) DO UPDATE SET value=excluded.value", (key, value))
+
+
+def close_file(db: sqlite3.Connection) -> None:
+    """Note that it was closed in order, and close it."""
+    set_meta(db, _OPEN, 0)
+    db.close()
+
+
+def move_aside(path: Path) -> Path:
+    """Give the file and what belongs to it another name; return the new one."""
+    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")
+    moved = path.with_name(f"{path.stem}-corrupt-{stamp}{path.suffix}")
+    while moved.exists():
+        moved = moved.with_name(f"{moved.stem}x{path.suffix}")
+    path.replace(moved)
+    for tail in ("-wal", "-shm"):
+        beside = path.with_name(path.name + tail)
+        if beside.exists():
+            beside.replace(moved.with_name(moved.name + tail))
+    return moved
+
+
+def _connect(path: Path) -> tuple[sqlite3.Connection, int]:
+    """Open the file, make or check its tables; return the connection and the first free event number."""
+    # Only the writer thread uses the connection; close() comes through it too.
+    db = sqlite3.connect(path, isolation_level=None, timeout=5.0, check_same_thread=False)
+    try:
+        return db, _prepare(db)
+    except BaseException as exc:
+        db.close()
+        if isinstance(exc, sqlite3.DatabaseError) and is_damage(exc):
+            raise Unreadable(str(exc)) from exc
+        raise
+
+
+def is_damage(exc: sqlite3.Error) -> bool:
+    """Tell whether an error says that the file itself is damaged, by SQLite's primary error code."""
+    code = int(getattr(exc, "sqlite_errorcode", 0))
+    return code & 0xFF in _UNREADABLE
+
+
+def _prepare(db: sqlite3.Connection) -> int:
+    """Set the connection up and bring the tables up to date; return the first free event number."""
+    version = int(db.execute("PRAGMA user_version").fetchone()[0])
+    if version > SCHEMA_VERSION:
+        raise sqlite3.NotSupportedError(
+            f"written by a newer version (schema {version}, this one knows {SCHEMA_VERSION})"
+        )
+    tables = {row[0] for row in db.execute("SELECT name FROM sqlite_master WHERE type='table'")}
+    if (version == 0 and tables) or (version > 0 and BASE_NAMES - tables):
+        raise Unreadable("it is a database, but no journal of this program")
+    db.execute("PRAGMA journal_mode=WAL")
+    db.execute("PRAGMA synchronous=FULL")
+    if version == 0:
+        db.executescript(f"BEGIN; {BASE_TABLES} PRAGMA user_version=1; COMMIT;")
+        version = 1
+    numbers = dict(db.execute("SELECT key, value FROM meta").fetchall())
+    if numbers.get(_OPEN):
+        _check(db)
+    for old in range(version, SCHEMA_VERSION):
+        db.executescript(f"BEGIN; {UPGRADES[old]} PRAGMA user_version={old + 1}; COMMIT;")
+    set_meta(db, _OPEN, 1)
+    return int(numbers.get("next_seq", 1))
+
+
+def _check(db: sqlite3.Connection) -> None:
+    """Look through a file that was not closed in order; raise Unreadable if it is damaged."""
+    found = db.execute("PRAGMA quick_check(1)").fetchone()[0]
+    if found != "ok":
+        raise Unreadable(str(found).splitlines()[-1])
+
+
+def _salvaged_seq(path: Path) -> int:
+    """Return the next event number of a damaged file if it can still be read, else 0: numbers should not repeat.
+
+    The caller takes the time in seconds where this is less, which a station that sends an event a second stays below.
+    """
+    try:
+        db = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, timeout=1.0)
+        try:
+            return int(db.execute("SELECT value FROM meta WHERE key='next_seq'").fetchone()[0])
+        finally:
+            db.close()
+    except (sqlite3.Error, TypeError, ValueError):
+        return 0
