@@ -3,21 +3,38 @@
 from __future__ import annotations
 
 import json
+import os
+import time
 import uuid
 from collections.abc import Iterator
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 import zmq
+from zmq.utils.monitor import recv_monitor_message
 
+from daemon.keys import KeyTrouble, PrivateKey, read_private
 from daemon.messages import WIRE_VERSION, JobResult
 
 DEFAULT_CONTROL = "tcp://127.0.0.1:5555"
 DEFAULT_EVENTS = "tcp://127.0.0.1:5556"
+KEY_VARIABLE = "REPROBE_KEY"
+"""Names the key file of whoever gives none."""
+WILDCARDS = ("*", "0.0.0.0", "[::]")  # noqa: S104  # what a station may bind, not what we bind
+HANDSHAKES = (
+    zmq.EVENT_HANDSHAKE_FAILED_AUTH | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL | zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL
+)
+Keys = Path | PrivateKey | None
+"""A client's private key, the file `reprobe keys new` wrote, or None for the one the environment names, if any."""
 
 
 class NoAnswer(TimeoutError):
     """The daemon did not answer in time. Examples: it is not running, or listens elsewhere."""
+
+
+class NotLetIn(NoAnswer):
+    """The daemon is there but does not take this client's key. Examples: it was revoked, or none was given."""
 
 
 class Refused(Exception):
@@ -31,11 +48,13 @@ class Refused(Exception):
 class Client:
     """Ask the daemon. Not for several threads; a request that got no answer leaves the client usable."""
 
-    def __init__(self, endpoint: str = DEFAULT_CONTROL, timeout_s: float = 5.0) -> None:
+    def __init__(self, endpoint: str = DEFAULT_CONTROL, timeout_s: float = 5.0, keys: Keys = None) -> None:
+        """Connect; raise `KeyTrouble` if the key cannot be used."""
         self._endpoint = endpoint
         self._timeout_s = timeout_s
+        self._key = _private(keys)
         self._context = zmq.Context()
-        self._socket = self._connect()
+        self._connect()
 
     def __enter__(self) -> Self:
         """Use it in a with statement."""
@@ -47,7 +66,7 @@ class Client:
 
     def close(self) -> None:
         """Let go of the connection."""
-        self._socket.close(linger=0)
+        self._let_go()
         self._context.term()
 
     def request(self, op: str, *, timeout_s: float | None = None, **fields: Any) -> dict[str, Any]:
@@ -55,17 +74,23 @@ class Client:
         reply = self.raw(json.dumps({"v": WIRE_VERSION, "op": op, **fields}).encode(), timeout_s=timeout_s)
         if not reply.get("ok"):
             raise Refused(reply["error"])
+        if op == "describe":
+            reply["events"] = reachable(reply["events"], self._endpoint)
         return reply
 
     def raw(self, message: bytes, *, timeout_s: float | None = None) -> dict[str, Any]:
         """Send bytes as they are and return the decoded reply."""
-        self._socket.send(message)
         wait_s = self._timeout_s if timeout_s is None else timeout_s
-        if not self._socket.poll(int(wait_s * 1e3)):
+        give_up_s = time.monotonic() + wait_s
+        try:
+            self._wait(zmq.POLLOUT, give_up_s)
+            self._socket.send(message)
+            self._wait(zmq.POLLIN, give_up_s)
+        except NoAnswer:
             # A REQ socket that waits for a reply can send nothing else: begin anew.
-            self._socket.close(linger=0)
-            self._socket = self._connect()
-            raise NoAnswer(f"no answer from {self._endpoint} within {wait_s:g} s; is the daemon running?")
+            self._let_go()
+            self._connect()
+            raise
         reply: dict[str, Any] = json.loads(self._socket.recv())
         return reply
 
@@ -75,20 +100,48 @@ class Client:
         reply = self.request(op, id=job_id, wait=True, timeout_s=timeout_s, **fields)
         return JobResult.model_validate(reply["result"])
 
-    def _connect(self) -> zmq.Socket[bytes]:
-        socket = self._context.socket(zmq.REQ)
-        socket.connect(self._endpoint)
-        return socket
+    def _wait(self, ready: int, give_up_s: float) -> None:
+        """Wait until the socket is ready; raise `NotLetIn` as soon as the daemon refuses the key, or `NoAnswer`."""
+        poller = zmq.Poller()
+        poller.register(self._socket, ready)
+        poller.register(self._watch, zmq.POLLIN)
+        failed = False
+        while (left_ms := int((give_up_s - time.monotonic()) * 1e3)) > 0:
+            found = dict(poller.poll(left_ms))
+            if self._socket in found:
+                return
+            if self._watch in found:
+                failed = True
+                if recv_monitor_message(self._watch)["event"] == zmq.EVENT_HANDSHAKE_FAILED_AUTH:
+                    raise NotLetIn(
+                        f"{self._endpoint} does not take this key; `reprobe keys list` shows who may come in"
+                    )
+        if failed:
+            raise NotLetIn(f"{self._endpoint} speaks with other keys: give the file `reprobe keys new` wrote")
+        raise NoAnswer(f"no answer from {self._endpoint} in time; is the daemon running?")
+
+    def _connect(self) -> None:
+        self._socket = self._context.socket(zmq.REQ)
+        self._watch = self._socket.get_monitor_socket(HANDSHAKES)
+        _unlock(self._socket, self._key)
+        self._socket.connect(self._endpoint)
+
+    def _let_go(self) -> None:
+        self._socket.disable_monitor()
+        self._watch.close(linger=0)
+        self._socket.close(linger=0)
 
 
 class Subscription:
     """Hear events from now on; each carries topic, seq, time and station."""
 
-    def __init__(self, endpoint: str = DEFAULT_EVENTS, topics: tuple[str, ...] = ("",)) -> None:
+    def __init__(self, endpoint: str = DEFAULT_EVENTS, topics: tuple[str, ...] = ("",), keys: Keys = None) -> None:
+        key = _private(keys)
         self._context = zmq.Context()
         self._socket = self._context.socket(zmq.SUB)
         for topic in topics:
             self._socket.subscribe(topic)
+        _unlock(self._socket, key)
         self._socket.connect(endpoint)
 
     def __enter__(self) -> Self:
@@ -109,8 +162,40 @@ class Subscription:
         return event
 
 
-def listen(endpoint: str = DEFAULT_EVENTS, topics: tuple[str, ...] = ("",)) -> Iterator[dict[str, Any]]:
+def listen(
+    endpoint: str = DEFAULT_EVENTS, topics: tuple[str, ...] = ("",), keys: Keys = None
+) -> Iterator[dict[str, Any]]:
     """Yield events for ever."""
-    with Subscription(endpoint, topics) as heard:
+    with Subscription(endpoint, topics, keys) as heard:
         while (event := heard.next()) is not None:
             yield event
+
+
+def reachable(events: str, control: str) -> str:
+    """Return the event socket's endpoint as a client reaches it that reaches the control socket at `control`."""
+    scheme, _, rest = events.partition("://")
+    host, _, port = rest.rpartition(":")
+    if scheme != "tcp" or host not in WILDCARDS:
+        return events
+    return f"tcp://{control.partition('://')[2].rpartition(':')[0]}:{port}"
+
+
+def _private(keys: Keys) -> PrivateKey | None:
+    """Return the key to come with; raise `KeyTrouble` if it cannot be used."""
+    named = os.environ.get(KEY_VARIABLE)
+    if keys is None and named:
+        keys = Path(named)
+    key = read_private(keys) if isinstance(keys, Path) else keys
+    if key is not None and key.server is None:
+        raise KeyTrouble(
+            f"the key of {key.name} is no client's", "give the file `reprobe keys new` wrote for the client"
+        )
+    return key
+
+
+def _unlock(socket: zmq.Socket[bytes], key: PrivateKey | None) -> None:
+    """Let a socket come with a key; to be called before it connects."""
+    if key is not None and key.server is not None:
+        socket.setsockopt(zmq.CURVE_PUBLICKEY, key.public.encode())
+        socket.setsockopt(zmq.CURVE_SECRETKEY, key.secret.encode())
+        socket.setsockopt(zmq.CURVE_SERVERKEY, key.server.encode())

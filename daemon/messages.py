@@ -13,6 +13,8 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError,
 from daemon.faults import Fault, Kind
 
 WIRE_VERSION: Literal[1] = 1
+VERSIONS: tuple[int, ...] = (WIRE_VERSION,)
+"""All versions this daemon speaks; `describe` and the refusal of any other list them."""
 
 ABSOLUTE_DEADLINE_FROM_MS = 10**11
 """Deadlines from here on are Unix time; smaller ones are a budget that starts when the request arrives."""
@@ -29,10 +31,16 @@ class Wire(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
+class Told(BaseModel):
+    """Base of what the daemon says: frozen; who reads it ignores fields it does not know, for more may be added."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+
 class Request(Wire):
     """What every request carries."""
 
-    v: Literal[1] = WIRE_VERSION
+    v: Literal[1] = Field(default=WIRE_VERSION, description="version of the wire")
     deadline_ms: float | None = Field(
         default=None,
         allow_inf_nan=False,
@@ -51,7 +59,7 @@ class Correct(JobRequest):
     """Look, move the tip onto the test point, verify."""
 
     op: Literal["correct"]
-    test_point: Name
+    test_point: Name = Field(description="name of the point over which the head stands, as the board file has it")
 
 
 class Place(JobRequest):
@@ -164,6 +172,14 @@ class Results(Request):
     limit: int = Field(default=100, ge=1, le=1000)
 
 
+class Alerts(Request):
+    """Ask what stands against the station and how every watch of its health stands; replay alerts from a seq on."""
+
+    op: Literal["alerts"]
+    since: int = Field(default=0, ge=0, description="first seq wanted")
+    limit: int = Field(default=100, ge=1, le=1000)
+
+
 class Report(Request):
     """Tell what the tester saw: the re-test after a job, and touches made since the last report."""
 
@@ -173,6 +189,16 @@ class Report(Request):
     touches: int = Field(default=0, ge=0, le=10_000_000, description="touches since the last report")
 
 
+class Acknowledge(Request):
+    """Say that a person knows of an alert."""
+
+    op: Literal["acknowledge"]
+    alert: Name
+    by: str = Field(min_length=1, max_length=64, description="who knows")
+    note: str = Field(default="", max_length=500)
+    mended: bool = Field(default=False, description="the cause is gone: clear it, and learn anew what is usual")
+
+
 class Describe(Request):
     """Ask who this station is, what it can do and which test points it knows."""
 
@@ -180,19 +206,19 @@ class Describe(Request):
 
 
 AnyJob = Correct | Place | Look | Align | Calibrate | Home
-AnyRequest = AnyJob | Cancel | Reset | Status | Snapshot | Result | Results | Report | Describe
+AnyRequest = AnyJob | Cancel | Reset | Status | Snapshot | Result | Results | Alerts | Acknowledge | Report | Describe
 
 REQUESTS: TypeAdapter[AnyRequest] = TypeAdapter(Annotated[AnyRequest, Field(discriminator="op")])
 OPS: tuple[str, ...] = tuple(
     model.model_fields["op"].annotation.__args__[0]  # type: ignore[union-attr]  # a Literal of one string
     for model in (
-        Correct, Place, Look, Align, Calibrate, Home, Cancel, Reset, Status, Snapshot, Result, Results, Report,
-        Describe,
+        Correct, Place, Look, Align, Calibrate, Home, Cancel, Reset, Status, Snapshot, Result, Results, Alerts,
+        Acknowledge, Report, Describe,
     )
 )  # fmt: skip
 
 
-class ErrorBody(Wire):
+class ErrorBody(Told):
     """One kind of trouble on the wire."""
 
     code: int
@@ -214,7 +240,7 @@ class ErrorBody(Wire):
         )
 
 
-class JobResult(Wire):
+class JobResult(Told):
     """How a job ended. The same model is journalled, published and answered."""
 
     id: str
@@ -245,8 +271,8 @@ def parse_request(raw: Any) -> AnyRequest:
     if not isinstance(raw, dict):
         raise Fault(Kind.BAD_JSON, "the message is not a JSON object", got=type(raw).__name__)
     version = raw.get("v", WIRE_VERSION)
-    if version != WIRE_VERSION or isinstance(version, bool):
-        raise Fault(Kind.UNSUPPORTED_VERSION, f"version {version!r} is not spoken here", supported=[WIRE_VERSION])
+    if type(version) is not int or version not in VERSIONS:
+        raise Fault(Kind.UNSUPPORTED_VERSION, f"version {version!r}"[:200] + " is not spoken here", supported=VERSIONS)
     op = raw.get("op")
     if op not in OPS:
         raise Fault(Kind.UNKNOWN_OP, f"there is no operation {op!r}"[:200], ops=list(OPS))

@@ -30,6 +30,8 @@ GOOD: list[dict[str, Any]] = [
     {"op": "snapshot"},
     {"op": "result", "id": "a"},
     {"op": "results", "since": 3, "limit": 5},
+    {"op": "alerts", "since": 3, "limit": 5},
+    {"op": "acknowledge", "alert": "light_white", "by": "Kim", "note": "ring ordered", "mended": False},
     {"op": "report", "id": "a", "retest": "pass", "touches": 20},
     {"op": "describe"},
 ]

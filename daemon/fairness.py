@@ -1,0 +1,41 @@
+"""A queue that serves its clients in turn: who sends much waits behind who sends little, not the other way round."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from typing import Generic, TypeVar
+
+T = TypeVar("T")
+
+
+class FairQueue(Generic[T]):
+    """First come, first served within one client; round robin between clients. For one event loop, one reader."""
+
+    def __init__(self) -> None:
+        self._waiting: dict[str, deque[T]] = {}
+        self._something = asyncio.Event()
+
+    def put(self, client: str, item: T) -> None:
+        """Add an item behind the client's others."""
+        self._waiting.setdefault(client, deque()).append(item)
+        self._something.set()
+
+    async def get(self) -> T:
+        """Wait for an item and take it; its client goes to the end of the round."""
+        while not self._waiting:
+            self._something.clear()
+            await self._something.wait()
+        client, items = next(iter(self._waiting.items()))
+        item = items.popleft()
+        del self._waiting[client]
+        if items:
+            self._waiting[client] = items
+        return item
+
+    def __len__(self) -> int:
+        return sum(len(items) for items in self._waiting.values())
+
+    def of(self, client: str) -> int:
+        """How many items of one client wait."""
+        return len(self._waiting.get(client, ()))
