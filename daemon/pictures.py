@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import hashlib
 import re
 import shutil
-import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal
@@ -22,6 +22,7 @@ from vision.annotate import draw_control_point, draw_test_points, draw_tip
 
 log = structlog.get_logger(__name__)
 JPEG_QUALITY = 92
+LONGEST_NAME = 64
 
 
 class Pictures:
@@ -33,6 +34,10 @@ class Pictures:
         self._quota_bytes = int(quota_mb * 1e6)
         self.full: str | None = None
         """Why pictures are not kept at present; None when they are."""
+
+    def adopt(self, which: Literal["failed", "all", "none"], quota_mb: float) -> None:
+        """Take over other settings; a smaller quota is kept to from the next pictures on."""
+        self._which, self._quota_bytes = which, int(quota_mb * 1e6)
 
     def folder_for(self, request: AnyJob, *, failed: bool) -> Path | None:
         """Return where this job's pictures go, or None if they are not wanted."""
@@ -89,6 +94,10 @@ def _sheets(look: Seen) -> Iterator[tuple[str, Pixels]]:
 
 
 def _folder_name(job_id: str) -> str:
-    """Return a name that is safe for a file system, and still one id's own."""
-    safe = re.sub(r"[^\w.-]", "_", job_id)[:80].lstrip(".")
-    return safe if safe == job_id else f"{safe}-{zlib.crc32(job_id.encode()):08x}"
+    """Return a name that is safe for any file system, and still one id's own, whoever chose the id and why.
+
+    ASCII letters, digits, dot, dash and underscore stay, up to 64; an id that is more than that gets a digest behind a
+    tilde, which no id that stays as it is can have.
+    """
+    safe = re.sub(r"[^A-Za-z0-9._-]", "_", job_id)[:LONGEST_NAME].lstrip(".")
+    return safe if safe == job_id else f"{safe}~{hashlib.sha256(job_id.encode()).hexdigest()[:16]}"

@@ -27,3 +27,21 @@ def as_fault(error: Exception) -> Fault:
         kind = next(kind for raised, kind in _KINDS if isinstance(error, raised))
         return Fault(kind, str(error), device=error.device, advice=error.advice)
     return Fault(Kind.INTERNAL, f"{type(error).__name__}: {error}")
+
+
+def forget_frames(error: BaseException) -> None:
+    """Let go of where an error came from, and what caused it: every frame on the way holds its pictures.
+
+    An error and the frames it passed refer to each other, so that without this tens of megabytes of a failed job would
+    stay until the collector of cycles comes by, or, where the error closes the station, until it is cleared.
+    """
+    seen: set[int] = set()
+    open_ones: list[BaseException | None] = [error]
+    while open_ones:
+        one = open_ones.pop()
+        if one is not None and id(one) not in seen:
+            seen.add(id(one))
+            one.__traceback__ = None
+            open_ones += [one.__cause__, one.__context__]
+            if isinstance(one, BaseExceptionGroup):
+                open_ones += one.exceptions

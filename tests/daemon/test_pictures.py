@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -58,6 +59,28 @@ def test_no_id_leaves_the_folder(tmp_path: Path, job_id: str) -> None:
 def test_ids_that_look_alike_keep_apart(tmp_path: Path) -> None:
     pictures = Pictures(tmp_path, "all", 10.0)
     assert pictures.folder_for(_request("a/b"), failed=False) != pictures.folder_for(_request("a_b"), failed=False)
+
+
+HOSTILE = [
+    "..", ".", "...", "../../etc/passwd", "/etc/passwd", "a/../b", "a\\b", "C:\\x", "nul\x00byte", "line\nbreak",
+    "\u202egpj", "~root", "$(reboot)", "`x`", "; rm -rf /", "a" * 128, "\U0001f600" * 128, "\u00e4\u0308" * 64, " ",
+    "-rf", "a_b", "a/b",
+]  # fmt: skip
+
+
+def test_no_id_reaches_beyond_its_own_folder(tmp_path: Path) -> None:
+    pictures = Pictures(tmp_path, "all", 10.0)
+    folders = [pictures.folder_for(_request(job_id), failed=False) for job_id in HOSTILE]
+    for folder in folders:
+        assert folder is not None
+        assert folder.parent == tmp_path
+        assert re.fullmatch(r"[A-Za-z0-9_~-][A-Za-z0-9._~-]{0,80}", folder.name)
+        folder.mkdir()
+        assert folder.resolve().parent == tmp_path.resolve()
+    assert len(set(folders)) == len(HOSTILE)
+    made = folders[HOSTILE.index("a/b")]
+    assert made is not None
+    assert pictures.folder_for(_request(made.name), failed=False) != made, "an id that looks like another's folder"
 
 
 async def test_the_oldest_go_beyond_the_quota(tmp_path: Path) -> None:

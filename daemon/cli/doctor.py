@@ -1,0 +1,36 @@
+"""`reprobe doctor`: is this station fit to work, and what to do if not."""
+
+from __future__ import annotations
+
+import typer
+from rich.markup import escape
+
+from daemon.cli.journal import ConfigFile
+from daemon.cli.output import FAILED, AsJson, err, out, say_json
+
+app = typer.Typer()
+COLOUR = {"ok": "green", "warn": "yellow", "fail": "red"}
+
+
+@app.command()
+def doctor(config: ConfigFile, as_json: AsJson = False) -> None:
+    """Examine a station: ports, drives, lights, camera, permissions, disk, time. The head does not move.
+
+    A running daemon is asked what it knows instead. Exit code 1 when something keeps the station from working.
+    """
+    from daemon.doctor.examination import examine  # noqa: PLC0415  # drivers and vision: only for this command
+    from daemon.logs import set_up  # noqa: PLC0415
+
+    set_up(as_json=as_json, level=50)  # what the drivers log is said here in other words
+    with err.status("examining ..."):
+        findings = examine(config)
+    if as_json:
+        say_json(findings.as_json())
+    else:
+        for check in findings.checks:
+            mark = f"[{COLOUR[check.verdict]}]{check.verdict:<4}[/]"
+            out.print(f"{mark} [bold]{escape(check.about)}[/]: {escape(check.found)}", highlight=False, soft_wrap=True)
+            if check.advice:
+                out.print(f"       [dim]->[/] {escape(check.advice)}", highlight=False, soft_wrap=True)
+    if not findings.good:
+        raise typer.Exit(FAILED)

@@ -1,0 +1,1 @@
+"""The examination of a station before its daemon runs; nothing here moves the head."""
