@@ -3,13 +3,22 @@ PY := .venv/bin/python
 STAMP := .venv/.installed
 BENCH_STAMP := .venv/.bench-installed
 
-.PHONY: demo test check lint types contract bench-vision landing requirements clean
+.PHONY: demo test test-systemd wheel check lint types contract bench-vision landing requirements clean
 
 demo: $(STAMP)
 	$(PY) -m daemon.cli demo $(DEMO_ARGS)
 
 test: $(STAMP)
 	$(PY) -m pytest -q
+
+# The unit under a real systemd, in namespaces. Needs root and mmdebstrap; the first time it builds a Debian tree in
+# /var/cache/reprobe-tests (a minute or two), after that `make test` runs it too.
+test-systemd: $(STAMP)
+	REPROBE_TEST_SYSTEMD=build $(PY) -m pytest -q -rs -s tests/system
+
+# What is copied to a station, beside requirements/station.txt.
+wheel: $(STAMP)
+	.venv/bin/hatchling build -t wheel -d out/dist
 
 lint: $(STAMP)
 	.venv/bin/ruff check .
@@ -46,6 +55,7 @@ UV_COMPILE := .venv/bin/uv pip compile -q --generate-hashes --python-version 3.1
 requirements: $(STAMP)
 	$(UV_COMPILE) -o requirements/station.txt
 	$(UV_COMPILE) --extra sim --extra dev -o requirements/dev.txt
+	$(UV_COMPILE) --extra sim --constraint requirements/dev.txt -o requirements/sim.txt
 	$(UV_COMPILE) --extra bench --constraint requirements/dev.txt -o requirements/bench.txt
 
 clean:

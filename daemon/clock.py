@@ -42,6 +42,8 @@ class Stopwatch:
         self._since_s = time.monotonic()
         self._total_s: defaultdict[str, float] = defaultdict(float)
         self._waits_s: defaultdict[str, defaultdict[str, float]] = defaultdict(lambda: defaultdict(float))
+        self.bookings = 0
+        """Grows with everything that is booked: a sign of life."""
 
     def enter(self, state: str) -> None:
         """Begin to book under another state."""
@@ -61,6 +63,7 @@ class Stopwatch:
     def book(self, what: str, seconds: float) -> None:
         """Book seconds that were waited for `what` in the present state."""
         self._waits_s[self._state][what] += max(0.0, seconds)
+        self.bookings += 1
 
     def timing_ms(self) -> dict[str, dict[str, float]]:
         """Return state -> {what: ms}, software and total included."""

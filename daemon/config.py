@@ -6,19 +6,23 @@ moves a needle into something.
 
 from __future__ import annotations
 
+import re
+import stat
 import tomllib
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from daemon.maintenance.catalogue import is_known
+from daemon.roles import Role
 from vision.frames import Rigid2
 from vision.head import CircleHead
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
-LOOPBACK = ("tcp://127.", "tcp://[::1]", "tcp://localhost", "ipc://")
+LOOPBACK = re.compile(r"ipc://.+|tcp://(127(\.\d{1,3}){3}|\[::1\]|localhost):(\d+|\*)")
 
 
 class ConfigError(Exception):
@@ -237,21 +241,58 @@ class ServoSection(Section):
     calibration_timeout_s: Positive = Field(default=3600.0, description="the same for calibrations and alignments")
 
 
+def is_local(endpoint: str) -> bool:
+    """Whether only this computer reaches an endpoint."""
+    return LOOPBACK.fullmatch(endpoint) is not None
+
+
 class ApiSection(Section):
     """Where testers reach the daemon."""
 
     control: str = "tcp://127.0.0.1:5555"
     events: str = "tcp://127.0.0.1:5556"
-    max_message_bytes: int = Field(default=1_000_000, ge=1024)
+    max_message_bytes: int = Field(default=1_000_000, ge=1024, description="more is refused before it is decoded")
     queue_length: int = Field(default=16, ge=1, le=1000, description="jobs that may wait")
-    heartbeat_s: Positive = 1.0
+    queue_per_client: int = Field(default=8, ge=1, le=1000, description="jobs of one client that may wait")
+    rate_per_s: Positive = Field(default=2000.0, description="requests of one client, in the long run")
+    rate_burst: int = Field(default=2000, ge=1, le=1_000_000, description="requests of one client at once")
+    curve: bool = Field(default=False, description="ask every client for a key (CURVE); see `reprobe keys`")
+    keys_dir: Path = Field(default=Path("keys"), description="made by `reprobe keys`; relative to this file")
+    role: Role = Field(default="maintain", description="of every client, without CURVE")
+    heartbeat_s: Positive = Field(default=1.0, description="pace of the heartbeat")
 
     @model_validator(mode="after")
     def _local(self) -> Self:
         for endpoint in (self.control, self.events):
-            if not endpoint.startswith(LOOPBACK):
-                raise ValueError(f"{endpoint} is reachable from outside; only loopback and ipc are served")
+            if not is_local(endpoint) and not self.curve:
+                raise ValueError(
+                    f"{endpoint} is reachable from outside; only loopback and ipc are served without keys: "
+                    "make them by `reprobe keys new`, then set curve = true"
+                )
         return self
+
+
+class MaintenanceSection(Section):
+    """What the station watches of itself; `reprobe health` shows it."""
+
+    baseline: int = Field(default=60, ge=10, le=1000, description="numbers from which a chart learns what is usual")
+    batch: int = Field(default=5, ge=2, le=50, description="numbers averaged to one point of a chart")
+    probe_life_touches: int = Field(default=100_000, ge=100, description="touches after which a probe is to be changed")
+    check_s: float = Field(default=300.0, ge=1.0, le=86400.0, description="devices are looked at this often at rest")
+    keep_rows: int = Field(default=60_000, ge=1000, le=10_000_000, description="measurements kept; the oldest go")
+    off: tuple[str, ...] = Field(default=(), description="watches not wanted, by name or group")
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if self.baseline < 5 * self.batch:
+            raise ValueError(f"a baseline of {self.baseline} is too short for batches of {self.batch}: five at least")
+        return self
+
+
+class MetricsSection(Section):
+    """Prometheus metrics, on loopback only."""
+
+    port: int = Field(default=0, ge=0, le=65535, description="of http://127.0.0.1:PORT/metrics; 0: not served")
 
 
 class Config(Section):
@@ -268,6 +309,8 @@ class Config(Section):
     control_point: ControlPointSection | None = None
     servo: ServoSection = ServoSection()
     api: ApiSection = ApiSection()
+    metrics: MetricsSection = MetricsSection()
+    maintenance: MaintenanceSection = MaintenanceSection()
 
     @model_validator(mode="after")
     def _across(self) -> Self:
@@ -277,6 +320,9 @@ class Config(Section):
                 raise ValueError(f"axes.{name}.bus names {bus!r}, which is not under [bus]")
         if self.lights.kind == "modbus" and self.lights.bus not in self.bus:
             raise ValueError(f"lights.bus names {self.lights.bus!r}, which is not under [bus]")
+        for watch in self.maintenance.off:
+            if not is_known(watch, self.bus):
+                raise ValueError(f"maintenance.off names {watch!r}, which is no watch; `reprobe health` lists them")
         z = self.axes.z
         heights = {name: getattr(self.gantry, name) for name in ("safe_z_um", "work_z_um", "touch_z_um")}
         heights["touch_z_um - press_um"] = self.gantry.touch_z_um - self.gantry.press_um
@@ -301,11 +347,21 @@ def load_config(path: Path) -> Config:
     except ValidationError as exc:
         problems = [(".".join(str(p) for p in e["loc"]) or "(cross-check)", e["msg"]) for e in exc.errors()]
         raise ConfigError(path, problems) from exc
+    _require_own(path, strict=config.api.curve)
     return _resolved(config, path.resolve().parent)
+
+
+def _require_own(path: Path, *, strict: bool) -> None:
+    """Refuse a file that anybody could change; `strict`: also one that its group could."""
+    mode = path.stat().st_mode
+    if mode & (stat.S_IWOTH | (stat.S_IWGRP if strict else 0)):
+        problem = f"can be changed by others (mode {stat.S_IMODE(mode):04o}); chmod go-w it"
+        raise ConfigError(path, [("(file)", problem)])
 
 
 def _resolved(config: Config, base: Path) -> Config:
     """Make relative paths relative to the configuration file, not to whoever starts the daemon."""
     station = config.station.model_copy(update={"data_dir": base / config.station.data_dir})
     board = config.board.model_copy(update={"file": base / config.board.file})
-    return config.model_copy(update={"station": station, "board": board})
+    api = config.api.model_copy(update={"keys_dir": base / config.api.keys_dir})
+    return config.model_copy(update={"station": station, "board": board, "api": api})

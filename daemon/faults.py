@@ -39,6 +39,10 @@ class Kind(Enum):
     CANCELLED = _Kind(1012, "the job was cancelled", "send a new request when ready")
     DEADLINE_MISSED = _Kind(1013, "the job did not finish before its deadline", "allow more time or find what is slow")
     SHUTTING_DOWN = _Kind(1014, "the daemon is stopping", "send the request again once it is back")
+    NOT_ALLOWED = _Kind(1015, "the client's role does not allow the operation", "use a key of the role named in detail")
+    KEY_REVOKED = _Kind(1016, "the client's key is not on the allow-list any more", "ask for a new key")
+    RATE_LIMITED = _Kind(1017, "requests come faster than the limit", "wait retry_after_ms, then ask less often")
+    UNKNOWN_ALERT = _Kind(1018, "no such alert stands", "see `alerts` for those that stand")
 
     TIP_NOT_FOUND = _Kind(2101, "the probe tip was not found", "look at the saved picture; clean or re-teach the probe")
     TEST_POINT_NOT_FOUND = _Kind(2201, "no pad was found near the tip", "check the board's alignment and the red light")

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
+from collections.abc import Coroutine, Mapping
 from contextlib import AsyncExitStack
+from typing import Any, TypeVar
 
 import structlog
 
@@ -12,22 +15,36 @@ from drivers.camera import Camera, CameraConfig, StreamCamera, V4L2Camera
 from drivers.deadline import Deadline
 from drivers.errors import DeviceError, DriveFault, LimitHit
 from drivers.gantry import Gantry, GantryConfig
-from drivers.l4118 import Axis, AxisConfig, HomingConfig
+from drivers.l4118 import Axis, AxisConfig, AxisFindings, AxisHealth, HomingConfig
 from drivers.lights import Light, Lights, ModbusRelayLights, SerialRelayLights
 
 THETA_WINDOW_DEG = 0.03
 HOMING_ZERO_SHARE = 0.2
 """Share of the homing speed with which the switch's edge is sought."""
+T = TypeVar("T")
 log = structlog.get_logger(__name__)
 
 
 class Hardware:
     """The open devices. Made by `open_hardware`; `close` leaves the station dark and still."""
 
-    def __init__(self, gantry: Gantry, lights: Lights, camera: Camera, stack: AsyncExitStack) -> None:
+    def __init__(
+        self,
+        gantry: Gantry,
+        lights: Lights,
+        camera: Camera,
+        buses: Mapping[str, ModbusBus],
+        stack: AsyncExitStack,
+        found: Mapping[str, AxisFindings],
+    ) -> None:
         self.gantry = gantry
+        self.found = found
+        """What the drives' self-test settled when they were opened."""
+        self.buses = buses
         self.lights = lights
         self.camera = camera
+        self.axes: tuple[AxisHealth, ...] = ()
+        """What the drives said of themselves when they were last asked."""
         self._stack = stack
 
     async def recover(self, deadline: Deadline, *, reference_lost: bool) -> None:
@@ -43,7 +60,8 @@ class Hardware:
 
     async def check_health(self, deadline: Deadline) -> None:
         """Raise if a drive is in fault or stands on a limit switch."""
-        for axis in await self.gantry.health(deadline):
+        self.axes = await self.gantry.health(deadline)
+        for axis in self.axes:
             if axis.error_code or axis.state.lower().startswith("fault"):
                 raise DriveFault(
                     f"{axis.error_meaning} ({axis.error_code:04X}h)", device=axis.name, code=axis.error_code
@@ -67,19 +85,40 @@ class Hardware:
 async def open_hardware(config: Config, deadline: Deadline) -> Hardware:
     """Open buses, drives, lights and camera; if one fails, close the others again and raise its error."""
     async with AsyncExitStack() as stack:
-        buses: dict[str, ModbusBus] = {}
-        for name, section in config.bus.items():
-            gap_s, timeout_s = section.gap_ms / 1e3, section.timeout_ms / 1e3
-            buses[name] = await ModbusBus.open(_line(section), gap_s=gap_s, timeout_s=timeout_s)
-            stack.push_async_callback(buses[name].close)
-        lights = await _lights(config.lights, buses, deadline)
+        buses = await open_buses(config, stack)
+        camera = make_camera(config.camera)
+        stack.push_async_callback(camera.close)
+        # Closed before the camera, which may take its time: first the station is dark.
+        lights = await open_lights(config.lights, buses, deadline)
         stack.push_async_callback(lights.close)
         gantry = _gantry(config, buses)
-        await gantry.start(deadline)
-        camera = _camera(config.camera)
-        await camera.open(deadline)
-        stack.push_async_callback(camera.close)
-        return Hardware(gantry, lights, camera, stack.pop_all())
+        found = await _beside(camera.open(deadline), gantry.start(deadline))
+        return Hardware(gantry, lights, camera, buses, stack.pop_all(), found)
+
+
+async def _beside(short: Coroutine[Any, Any, None], long: Coroutine[Any, Any, T]) -> T:
+    """Do both at once and return what the long one brings; its error comes first, for it has more to say."""
+    other = asyncio.create_task(short)
+    try:
+        result = await long
+        await other
+        return result
+    finally:
+        if not other.done():
+            other.cancel()
+        await asyncio.wait([other])
+        if not other.cancelled():
+            other.exception()  # of two errors the first is told
+
+
+async def open_buses(config: Config, stack: AsyncExitStack) -> dict[str, ModbusBus]:
+    """Open the lines by name; `stack` closes them."""
+    buses: dict[str, ModbusBus] = {}
+    for name, section in config.bus.items():
+        gap_s, timeout_s = section.gap_ms / 1e3, section.timeout_ms / 1e3
+        buses[name] = await ModbusBus.open(_line(section), gap_s=gap_s, timeout_s=timeout_s)
+        stack.push_async_callback(buses[name].close)
+    return buses
 
 
 def _line(section: BusSection) -> Line:
@@ -88,9 +127,14 @@ def _line(section: BusSection) -> Line:
     return SerialLine(str(section.port), section.baudrate, section.parity, section.stopbits)
 
 
-def _gantry(config: Config, buses: dict[str, ModbusBus]) -> Gantry:
+def make_axes(config: Config, buses: Mapping[str, ModbusBus]) -> dict[str, Axis]:
+    """Return the four axes on their lines; nothing is asked or moved yet."""
     sections = {name: getattr(config.axes, name) for name in ("x", "y", "z", "theta")}
-    axes = {name: Axis(buses[section.bus], _axis(name, section)) for name, section in sections.items()}
+    return {name: Axis(buses[section.bus], _axis(name, section)) for name, section in sections.items()}
+
+
+def _gantry(config: Config, buses: Mapping[str, ModbusBus]) -> Gantry:
+    axes = make_axes(config, buses)
     limits = GantryConfig(
         safe_z_um=config.gantry.safe_z_um,
         backlash_um=config.gantry.approach_um,
@@ -123,7 +167,8 @@ def _axis(name: str, section: AxisSection) -> AxisConfig:
     )
 
 
-async def _lights(section: LightsSection, buses: dict[str, ModbusBus], deadline: Deadline) -> Lights:
+async def open_lights(section: LightsSection, buses: Mapping[str, ModbusBus], deadline: Deadline) -> Lights:
+    """Open the lamps' relay and go dark."""
     settle_s = section.settle_ms / 1e3
     if section.kind == "modbus":
         bus = buses[str(section.bus)]
@@ -135,7 +180,8 @@ async def _lights(section: LightsSection, buses: dict[str, ModbusBus], deadline:
     )
 
 
-def _camera(section: CameraSection) -> Camera:
+def make_camera(section: CameraSection) -> Camera:
+    """Return the camera, not opened yet."""
     config = CameraConfig(
         device=section.device or section.endpoint or "",
         width_px=section.width,

@@ -66,6 +66,11 @@ class Job:
         self._keep_step = keep_step
         self._steps: set[asyncio.Task[None]] = set()
 
+    @property
+    def sign(self) -> tuple[int, int, int]:
+        """What changes when the job looks, moves or waits for something."""
+        return self.looks, self.moves, self.watch.bookings
+
     def fire(self, event: Event) -> None:
         """Take one transition; from here on time is booked under the new state."""
         self.watch.enter(self._fire(event).value)

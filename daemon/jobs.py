@@ -7,8 +7,9 @@ order. Whatever a job raises, the lights go off and the first cause of a latched
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,13 +22,16 @@ from daemon.config import ServoSection
 from daemon.correction import correct
 from daemon.errands import home, look, place
 from daemon.events import Events
+from daemon.fairness import FairQueue
 from daemon.faults import Fault, Kind
 from daemon.job import Bench, Errand, Job, Outcome
 from daemon.journal import Journal
+from daemon.maintenance.hooks import Hooks
 from daemon.messages import AnyJob, ErrorBody, JobResult
 from daemon.pictures import Pictures
 from daemon.states import BUSY, Event, Machine, State
-from daemon.trouble import as_fault
+from daemon.trouble import as_fault, forget_frames
+from daemon.vigil import Vigil
 from drivers.deadline import Deadline
 
 ERRANDS: Mapping[str, Errand] = {
@@ -52,18 +56,21 @@ class _Ticket:
     canonical: str
     due_s: float
     done: asyncio.Future[JobResult]
+    client: str = ""
     cancelled: bool = False
     task: asyncio.Task[Outcome] | None = field(default=None, repr=False)
+    job: Job | None = field(default=None, repr=False)
 
 
 class Jobs:
     """Take requests, run them one after the other, remember their results."""
 
     def __init__(self, machine: Machine, journal: Journal, events: Events, pictures: Pictures, station: str,
-                 servo: ServoSection, queue_length: int) -> None:  # fmt: skip
+                 servo: ServoSection, queue_length: int, queue_per_client: int | None = None) -> None:  # fmt: skip
         self._machine, self._journal, self._events, self._pictures = machine, journal, events, pictures
         self._station, self._servo, self._queue_length = station, servo, queue_length
-        self._waiting: asyncio.Queue[_Ticket] = asyncio.Queue()
+        self._queue_per_client = queue_length if queue_per_client is None else queue_per_client
+        self._waiting: FairQueue[_Ticket] = FairQueue()
         self._open: dict[str, _Ticket] = {}
         self._running: _Ticket | None = None
         self.bench: Bench | None = None
@@ -71,11 +78,22 @@ class Jobs:
         """The first cause of the present fault; later refusals name it."""
         self.progress: dict[str, Any] | None = None
         """How far the running job says it is, if it says so."""
+        self.vigil = Vigil()
+        """What is asked each time the loop turns: only while all is well is the watchdog fed."""
+        self.between = asyncio.Lock()
+        """Held while a job runs; who holds it may change what jobs work with."""
+        self.told: Callable[[JobResult], None] = lambda _result: None
+        """Called with every result, once it has been published."""
+        self.hooks = Hooks()
+        """What maintenance hears of."""
 
     # --- taking ----------------------------------------------------------------------------------------------
 
-    async def submit(self, request: AnyJob) -> asyncio.Future[JobResult]:
-        """Accept a job, or find the one that already has this id; raise `Fault` if it is refused."""
+    async def submit(self, request: AnyJob, client: str = "") -> asyncio.Future[JobResult]:
+        """Accept a job, or find the one that already has this id; raise `Fault` if it is refused.
+
+        The jobs of different clients are run in turn.
+        """
         canonical = request.model_dump_json(exclude={"wait", "deadline_ms"})
         known = await self._known(request.id, canonical)
         if known is not None:
@@ -85,18 +103,17 @@ class Jobs:
         due_s = due_at_s(
             request.deadline_ms, self._servo.calibration_timeout_s if lengthy else self._servo.job_timeout_s
         )
-        if len(self._open) >= self._queue_length + 1:
-            raise Fault(Kind.BUSY, f"{len(self._open)} jobs are open", limit=self._queue_length)
+        self._refuse_too_many(client)
         if self.bench is not None:
             self._refuse_unknown_point(request, self.bench)
-        ticket = _Ticket(request, canonical, due_s, asyncio.get_running_loop().create_future())
+        ticket = _Ticket(request, canonical, due_s, asyncio.get_running_loop().create_future(), client)
         self._open[request.id] = ticket
         try:
             await self._journal.add_job(request.id, request.op, canonical)
         except BaseException:
             del self._open[request.id]
             raise
-        self._waiting.put_nowait(ticket)
+        self._waiting.put(client, ticket)
         return ticket.done
 
     async def _known(self, job_id: str, canonical: str) -> asyncio.Future[JobResult] | None:
@@ -131,6 +148,15 @@ class Jobs:
             first_cause=ErrorBody.of(first).model_dump(),
         )
 
+    def _refuse_too_many(self, client: str) -> None:
+        """Refuse a job beyond what may wait, of this client or of all; its own share is named first."""
+        theirs = sum(t.client == client for t in self._open.values() if t is not self._running)
+        limits = {"limit": self._queue_length, "limit_per_client": self._queue_per_client}
+        if theirs >= self._queue_per_client:
+            raise Fault(Kind.BUSY, f"{theirs} jobs of this client wait already", **limits)
+        if len(self._open) >= self._queue_length + 1:
+            raise Fault(Kind.BUSY, f"{len(self._open)} jobs are open", **limits)
+
     @staticmethod
     def _refuse_unknown_point(request: Any, bench: Bench) -> None:
         """Refuse a test point the board has not, before the job is queued."""
@@ -145,21 +171,40 @@ class Jobs:
     async def run(self) -> None:
         """Run jobs for ever; cancelling stops the one under way safely."""
         while True:
-            ticket = await self._waiting.get()
-            await self._journal.reserve_seqs()
+            ticket = await self._next()
+            async with self.between:
+                self.vigil.begin(ticket.due_s)
+                running = asyncio.create_task(self._run_one(ticket), name=f"job {ticket.request.id}")
+                try:
+                    await self.vigil.attend(running, partial(self._sign, ticket))
+                finally:
+                    self._running = None
+                    self._open.pop(ticket.request.id, None)
+                    ticket.job = None  # the last ticket stays until the next one comes; its pictures are 24 MB
+
+    async def _next(self) -> _Ticket:
+        """Wait for a job; the loop turns all the while."""
+        while True:
+            self.vigil.turn()
             try:
-                await self._run_one(ticket)
-            finally:
-                self._running = None
-                self._open.pop(ticket.request.id, None)
+                async with asyncio.timeout(self.vigil.every_s):
+                    return await self._waiting.get()
+            except TimeoutError:
+                continue
+
+    def _sign(self, ticket: _Ticket) -> Hashable:
+        """Return what changes whenever the running job does something that shows."""
+        exchanges = self.bench.station.exchanges if self.bench is not None else None
+        return ticket.job.sign if ticket.job is not None else None, str(self.progress), exchanges
 
     async def _run_one(self, ticket: _Ticket) -> None:
         """Run one job and tell everybody how it ended."""
+        await self._journal.reserve_seqs()
         self._running = ticket
         request = ticket.request
         self.progress = None
         keep_step, tell = self._keep_step(request.id), self._tell_progress(request)
-        job = Job(request, Deadline(ticket.due_s), self._machine.fire, keep_step, tell)
+        job = ticket.job = Job(request, Deadline(ticket.due_s), self._machine.fire, keep_step, tell)
         with structlog.contextvars.bound_contextvars(job=request.id, op=request.op):
             try:
                 outcome, fault = await self._outcome(ticket, job), None
@@ -170,6 +215,7 @@ class Jobs:
                 outcome, fault = job.partial, as_fault(exc)
                 if fault.kind is Kind.INTERNAL:
                     log.exception("job_failed_internally")
+                forget_frames(exc)
             await self._finish(ticket, job, outcome, fault)
 
     async def _outcome(self, ticket: _Ticket, job: Job) -> Outcome:
@@ -298,28 +344,26 @@ class Jobs:
         except Fault as disk:
             self.latch(disk)
         self._events.publish("result", result.model_dump(mode="json"), seq=result.seq)
+        self.told(result)
         # Answered is over: what is kept of it afterwards cannot be cancelled any more.
         self._running = None
         self._open.pop(ticket.request.id, None)
         if not ticket.done.done():
             ticket.done.set_result(result)
         log.info("job_done", outcome=result.outcome, ok=result.ok, error=fault.message if fault else None)
+        self.hooks.ended(job, result)
         if result.pictures and folder:
             await self._keep_pictures(folder, job, result)
 
     async def _keep_pictures(self, folder: Path, job: Job, result: JobResult) -> None:
         """Keep the pictures; that they cannot be kept any more, or can again, is an alert."""
-        before = self._pictures.full
         await self._pictures.keep(folder, job, result)
-        now = self._pictures.full
-        if (before is None) != (now is None):
-            body = {"name": "pictures_not_kept", "raised": now is not None, "message": now or "pictures are kept again"}
-            seq = self._journal.take_seq()
-            await self._journal.add_alert(seq, body)
-            self._events.publish("alert", body, seq=seq)
+        # Told each time: an alert of a daemon before this one may stand, whose cause is gone.
+        self.hooks.flagged("pictures_not_kept", self._pictures.full)
 
     def _keep_step(self, job_id: str) -> Callable[[str, dict[str, Any]], Any]:
         def keep(kind: str, body: dict[str, Any]) -> Any:
+            self.hooks.noted(job_id, kind, body)
             return self._journal.add_step(job_id, kind, body)
 
         return keep
@@ -341,7 +385,7 @@ class Jobs:
     @property
     def queued(self) -> int:
         """How many jobs wait."""
-        return self._waiting.qsize()
+        return len(self._waiting)
 
     def cancel(self, job_id: str | None) -> str:
         """Stop a job, or the running one; return its id."""
@@ -352,6 +396,10 @@ class Jobs:
         if ticket.task is not None:
             ticket.task.cancel()
         return ticket.request.id
+
+    def adopt(self, servo: ServoSection, queue_length: int, queue_per_client: int) -> None:
+        """Take over another configuration; jobs that wait keep the deadline they came with."""
+        self._servo, self._queue_length, self._queue_per_client = servo, queue_length, queue_per_client
 
     def latch(self, fault: Fault) -> None:
         """Stay in fault; the first cause is kept."""

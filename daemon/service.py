@@ -10,11 +10,13 @@ import asyncio
 import signal
 from contextlib import AsyncExitStack
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import structlog
 import zmq.asyncio
 
+from daemon.alone import alone
 from daemon.api import ControlSocket
 from daemon.board import Board
 from daemon.calibrations import Calibrations
@@ -23,39 +25,67 @@ from daemon.config import Config
 from daemon.events import Events
 from daemon.faults import Fault, Kind
 from daemon.geometry import Geometry
+from daemon.guard import Guard
 from daemon.hardware import Hardware, open_hardware
 from daemon.job import Bench
 from daemon.jobs import Jobs
 from daemon.journal import Journal
+from daemon.keyring import Keyring
+from daemon.leaving import REFERENCE_LOST, leave
+from daemon.maintenance.keeper import Keeper
 from daemon.messages import ErrorBody, JobResult
+from daemon.metrics import Metrics
+from daemon.notify import Notifier
 from daemon.ops import Ops
 from daemon.pictures import Pictures
+from daemon.reload import Change, Reloader
+from daemon.standing import Standing
 from daemon.states import Event, Machine, State
 from daemon.station import Station
+from daemon.tending import tend
 from daemon.trouble import as_fault
+from daemon.vigil import Vigil
+from daemon.vitals import Vitals, few_arenas, read_vitals
 from drivers.deadline import Deadline
 from drivers.errors import DeviceError
+from vision.warm import warm_up
 
 OPEN_WITHIN_S = 20.0
 CHECK_EVERY_S = 2.0
 CHECK_WITHIN_S = 2.0
-STOP_WITHIN_S = 2.0
 LINGER_MS = 200
-REFERENCE_LOST = frozenset({Kind.MOTION_FAILED, Kind.AXIS_STALLED, Kind.LIMIT_HIT, Kind.EMERGENCY_STOP})
-"""After these an axis may not stand where its drive believes: only homing settles it."""
+RELOADED = {
+    "taken": "",
+    "waits": "a new configuration waits for the job to end",
+    "refused": "the new configuration was refused, the old one stays: {problems}",
+}
+"""What the status line says of a reload."""
 log = structlog.get_logger(__name__)
 
 
 class Service:
     """One daemon. `run` serves until `stop` is called or the process is told to end."""
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self, config: Config, path: Path | None = None) -> None:
+        """Take the configuration and the file it came from, which SIGHUP reads again."""
         self.config = config
+        self._path = path.resolve() if path is not None else None
+        self._notifier = Notifier.from_environment()
         self.version = version("reprobe")
         self._stop = asyncio.Event()
         self._hardware: Hardware | None = None
         self.calibrations = Calibrations(config.station.data_dir / "calibration", config.station.name)
         self._opening = asyncio.Lock()
+        self.metrics = Metrics(config.station.name, self.version)
+
+    @property
+    def hardware(self) -> Hardware | None:
+        """The open devices, None while there are none."""
+        return self._hardware
+
+    def vitals(self) -> Vitals:
+        """Read what is so at present; from any thread."""
+        return read_vitals(self, self.config.station.data_dir)
 
     def stop(self) -> None:
         """Ask the daemon to end; motion stops, lights go off, everything is written."""
@@ -63,14 +93,21 @@ class Service:
 
     async def run(self) -> None:
         """Serve until told to stop; whatever was opened is closed again, in the opposite order."""
+        few_arenas()
         config = self.config
         self.board = Board.load(config.board.file)
         async with AsyncExitStack() as stack:
+            stack.enter_context(alone(config.station.data_dir))
             self._journal = await Journal.open(config.station.data_dir / "journal.sqlite")
             stack.push_async_callback(self._journal.close)
             context = zmq.asyncio.Context()
             stack.callback(context.destroy, linger=LINGER_MS)
-            self._events = Events(zmq.Context(context), config.api.events, config.station.name, self._journal)
+            guard = Guard(config.api.role, Keyring(config.api.keys_dir) if config.api.curve else None)
+            guard.start(context)
+            stack.callback(guard.stop)
+            self._events = Events(
+                zmq.Context(context), config.api.events, config.station.name, self._journal, self.metrics.take, guard
+            )
             stack.callback(self._events.close)
             self.machine = Machine(self._publish_state)
             self.pictures = Pictures(
@@ -78,33 +115,60 @@ class Service:
             )
             self.jobs = Jobs(
                 self.machine, self._journal, self._events, self.pictures, config.station.name,
-                config.servo, config.api.queue_length,
+                config.servo, config.api.queue_length, config.api.queue_per_client,
             )  # fmt: skip
-            answer = Ops(self, self._journal).handle
-            control = ControlSocket(context, config.api.control, config.api.max_message_bytes, self.version, answer)
-            stack.callback(control.close)
+            self.keeper = Keeper(self, self._journal, self._events)
+            self.jobs.hooks = self.keeper
+            self._tell_manager(stack)
+            self._serve_metrics(stack)
+            self._control = ControlSocket(context, config.api, self.version, Ops(self, self._journal), guard)
+            stack.callback(self._control.close)
             stack.push_async_callback(self._let_go)
             self._trap_signals()
-            await self._serve(control)
+            await self._serve(self._control)
         log.info("stopped")
+
+    def _tell_manager(self, stack: AsyncExitStack) -> None:
+        """Let the service manager see state and results, and the job loop feed its watchdog."""
+        stack.callback(self._notifier.close)
+        self._standing = Standing(self, self._notifier)
+        self.jobs.told = self._standing.told
+        self.jobs.vigil = Vigil(self._notifier.feed, self._notifier.feed_every_s)
+        self._reloader = Reloader(
+            self._path, lambda: self.config, self.jobs.between, self._take_over, self._tell_of_reload
+        )
+
+    def _serve_metrics(self, stack: AsyncExitStack) -> None:
+        self.metrics.watch(self.vitals)
+        if self.config.metrics.port:
+            self.metrics.serve(self.config.metrics.port)
+            stack.callback(self.metrics.close)
 
     async def _serve(self, control: ControlSocket) -> None:
         """Report what a stop interrupted, open the devices, then run everything until told to stop."""
         await self._journal.reserve_seqs()
         await self._report_interrupted()
+        await self.keeper.load()
+        for alert in self.keeper.alerts.standing.values():
+            self.metrics.take("alert", alert.body("raised"))
         answering = asyncio.create_task(control.serve(), name="control")
         background = [
             asyncio.create_task(self._heartbeat(), name="heartbeat"),
             asyncio.create_task(self._supervise(), name="supervise"),
+            asyncio.create_task(self._reloader.run(busy=lambda: self.jobs.running is not None), name="reload"),
+            asyncio.create_task(tend(self), name="tend"),
+            asyncio.create_task(self.keeper.run(), name="maintenance"),
         ]
         working = asyncio.create_task(self._open_and_work(), name="jobs")
         stopping = asyncio.create_task(self._stop.wait(), name="stop")
         tasks: set[asyncio.Task[Any]] = {answering, working, stopping, *background}
         done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         log.info("stopping")
+        self._notifier.stopping("stopping")
         for task in (*background, working):
             task.cancel()
         await asyncio.wait([working, *background])
+        await self.keeper.close()
         await control.drain(within_s=1.0)
         answering.cancel()
         stopping.cancel()
@@ -114,6 +178,11 @@ class Service:
 
     async def _open_and_work(self) -> None:
         await self.reset()
+        self._standing.ready(await self._journal.last_result())
+        # Jobs come after: the first one would have to wait for it anyway.
+        await asyncio.to_thread(warm_up)
+        if self._hardware is not None:
+            await self._check_health(self._hardware)
         await self.jobs.run()
 
     # --- devices ---------------------------------------------------------------------------------------------
@@ -133,9 +202,27 @@ class Service:
                     log.exception("opening_failed_internally")
                 self.jobs.latch(_latched(fault))
                 log.error("station_not_ready", error=fault.message, advice=fault.advice)
+                self._standing.refresh()
                 return fault
             self.jobs.clear()
             return None
+
+    def _take_over(self, change: Change) -> None:
+        """Put another configuration in force; nothing runs, and no device sees a difference."""
+        config = self.config = change.config
+        self.board = change.board
+        self.pictures.adopt(config.station.pictures, config.station.pictures_quota_mb)
+        self.jobs.adopt(config.servo, config.api.queue_length, config.api.queue_per_client)
+        self._control.adopt(config.api)
+        self.keeper.adopt()
+        if self._hardware is not None:
+            self._set_bench(self._hardware)
+
+    def _set_bench(self, hardware: Hardware) -> None:
+        """Lay out what jobs work with."""
+        geometry = Geometry(self.config, self.board, self.calibrations)
+        station = Station(self.config, hardware)
+        self.jobs.bench = Bench(self.config, station, self.board, self.calibrations, geometry)
 
     async def _open(self, *, lost: bool) -> None:
         """Open the hardware if need be, and see that it is fit to work; raise what is wrong.
@@ -146,14 +233,17 @@ class Service:
         if self._hardware is None:
             self.calibrations.load()
             self._hardware = await open_hardware(self.config, deadline)
-            geometry = Geometry(self.config, self.board, self.calibrations)
-            station = Station(self.config, self._hardware)
-            self.jobs.bench = Bench(self.config, station, self.board, self.calibrations, geometry)
+            self._set_bench(self._hardware)
             log.info("station_open", camera=dict(self._hardware.camera.settings()))
+            # The self-test has just asked them; what else they say of themselves is read once the start is over.
+            found = self._hardware.found.values()
+            fit, homed = all(axis.fit for axis in found), all(axis.homed for axis in found)
         else:
             await self._hardware.recover(deadline, reference_lost=lost)
-        await self._hardware.check_health(deadline)
-        if not await self._hardware.gantry.homed():
+            fit, homed = False, await self._hardware.gantry.homed(deadline)
+        if not fit:
+            await self._hardware.check_health(deadline)
+        if not homed:
             raise Fault(Kind.NOT_HOMED)
 
     async def _supervise(self) -> None:
@@ -207,6 +297,17 @@ class Service:
             },
         )
         log.info("state", change=f"{before.value} --{event.value}--> {after.value}")
+        self._standing.refresh()
+
+    async def _tell_of_reload(self, what: str, facts: dict[str, object]) -> None:
+        """Say to the service manager and to whoever listens how a new configuration fared."""
+        if what == "begun":
+            self._notifier.reloading()
+            return
+        self._standing.note(RELOADED[what].format(problems=_some(facts.get("problems"))))
+        self._notifier.ready(self._standing.line())
+        await self._journal.reserve_seqs()
+        self._events.publish("log", {"event": f"configuration_{what}", **facts})
 
     async def _report_interrupted(self) -> None:
         """Give each job that a crash or a kill cut off its result: a fault; nothing moves."""
@@ -225,11 +326,19 @@ class Service:
         loop = asyncio.get_running_loop()
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(number, self.stop)
+        loop.add_signal_handler(signal.SIGHUP, self._reloader.ask)
 
     async def _let_go(self) -> None:
-        """Darken and let go of the devices."""
+        """Lift the needle, darken, and let go of the devices."""
         if self._hardware is not None:
-            await self._hardware.close(Deadline.after(STOP_WITHIN_S))
+            bench = self.jobs.bench
+            await leave(self._hardware, bench.station if bench is not None else None, self.jobs.fault)
+
+
+def _some(problems: object) -> str:
+    """Return the first problems of a configuration in one line."""
+    listed = [f"{where}: {what}" for where, what in problems] if isinstance(problems, list) else []
+    return ", ".join(listed[:2]) + (f" and {len(listed) - 2} more" if len(listed) > 2 else "")
 
 
 def _latched(fault: Fault) -> Fault:

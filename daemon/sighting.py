@@ -211,9 +211,23 @@ def describe(look: Look, target: TestPoint | None, way: Correction | None) -> di
         body |= {
             "tip_px": [round(look.tip.x_px, 3), round(look.tip.y_px, 3)],
             "tip_sigma_px": round(look.tip.sigma_px, 3),
+            "needle": _needle(look.tip),
         }
     if target is not None:
         body |= {"target_px": [round(target.x_px, 3), round(target.y_px, 3)], "kind": str(target.kind)}
     if way is not None:
         body |= {"dx_um": round(way.dx_um, 2), "dy_um": round(way.dy_um, 2), "sigma_um": round(way.sigma_um, 2)}
     return body
+
+
+def _needle(tip: Tip) -> dict[str, float]:
+    """Return what was measured of the needle itself; maintenance follows it over months."""
+    return {
+        "width_px": round(tip.width_px, 3),
+        "marking_px": round(tip.shape.marking_px, 3),
+        "contrast": round(tip.marking_contrast, 4),
+        "bend_px": round(tip.bend_px, 3),
+        "sharpness": round(tip.sharpness, 4),
+        "score": round(tip.score, 4),
+        "support": round(tip.edge_support, 3),
+    }

@@ -79,6 +79,11 @@ class Station:
         self._hardware = hardware
         self._resting_since_s = time.monotonic()
 
+    @property
+    def exchanges(self) -> int:
+        """How many requests went over the buses so far: a sign of life while something moves."""
+        return sum(bus.statistics.requests for bus in self._hardware.buses.values())
+
     async def position(self, watch: Stopwatch, deadline: Deadline) -> Position:
         """Read where the axes are."""
         with watch.spend("bus"):

@@ -1,5 +1,5 @@
 """Let `python -m daemon.cli` be the command."""
 
-from daemon.cli.app import main
+from daemon.cli import main
 
 main()

@@ -4,7 +4,24 @@ from __future__ import annotations
 
 import typer
 
-from daemon.cli import boards, calibrate, demo, look, serve, teach, tester
+from daemon.cli import (
+    boards,
+    bundle,
+    calibrate,
+    demo,
+    doctor,
+    health,
+    install,
+    journal,
+    keys,
+    look,
+    schema,
+    serve,
+    teach,
+    tester,
+    watch,
+)
+from daemon.cli.keyed import with_keys
 
 app = typer.Typer(
     name="reprobe",
@@ -13,9 +30,26 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for commands in (serve.app, tester.app, calibrate.app, look.app, teach.app, boards.app, demo.app):
+for commands in (
+    serve.app,
+    tester.app,
+    watch.app,
+    calibrate.app,
+    look.app,
+    teach.app,
+    boards.app,
+    health.app,
+    journal.app,
+    keys.app,
+    doctor.app,
+    bundle.app,
+    install.app,
+    schema.app,
+    demo.app,
+):
     app.registered_commands += commands.registered_commands
     app.registered_groups += commands.registered_groups
+with_keys(app)
 
 
 def main() -> None:

@@ -11,7 +11,8 @@ from typing import Annotated, Any, NoReturn
 import typer
 from rich.console import Console
 
-from daemon.client import DEFAULT_CONTROL, NoAnswer, Refused
+from daemon.client import DEFAULT_CONTROL, NoAnswer, NotLetIn, Refused
+from daemon.keys import KeyTrouble
 
 WIDE = 130
 """Columns of tables that are written to a file or a pipe."""
@@ -44,5 +45,9 @@ def answered() -> Iterator[None]:
         yield
     except Refused as exc:
         fail(f"{exc.error['name']} ({exc.error['code']}): {exc.error['message']}", advice=exc.error["advice"])
+    except KeyTrouble as exc:
+        fail(str(exc), advice=exc.advice)
+    except NotLetIn as exc:
+        fail(str(exc), advice="come with a key of that station: --key FILE, or REPROBE_KEY")
     except NoAnswer as exc:
         fail(str(exc), advice="start it with `reprobe run --config station.toml`, or name its --endpoint")

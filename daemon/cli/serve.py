@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import faulthandler
 import importlib.util
 import os
 import sys
@@ -12,14 +13,16 @@ from typing import Annotated
 import typer
 import zmq
 
+from daemon.alone import NotAloneError
 from daemon.board import Board
 from daemon.cli.output import USAGE, AsJson, fail, out, say_json
 from daemon.config import Config, ConfigError, load_config
 from daemon.faults import Fault
+from daemon.keys import KeyTrouble
 from daemon.logs import set_up
 from daemon.service import Service
 
-app = typer.Typer()
+app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 ConfigFile = Annotated[Path, typer.Option("--config", "-c", help="The station's TOML file.")]
 
 
@@ -28,10 +31,13 @@ def run(config: ConfigFile, as_json: Annotated[bool, typer.Option("--json", help
     """Run the daemon until SIGTERM or Ctrl-C."""
     loaded = _load(config)
     set_up(as_json=as_json)
+    # A watchdog ends a hung daemon by SIGABRT: where it hung is then in the log.
+    if not faulthandler.is_enabled():
+        faulthandler.enable()
     try:
-        asyncio.run(Service(loaded).run())
-    except (Fault, ValueError) as exc:
-        fail(str(exc), advice=exc.advice if isinstance(exc, Fault) else "")
+        asyncio.run(Service(loaded, config).run())
+    except (Fault, KeyTrouble, NotAloneError, ValueError) as exc:
+        fail(str(exc), advice="" if isinstance(exc, ValueError) else exc.advice)
     except (OSError, zmq.ZMQError) as exc:
         fail(f"cannot start: {exc}", advice="is another daemon running on these sockets?")
 

@@ -8,7 +8,8 @@ import typer
 from rich.table import Table
 
 from daemon.cli.output import DEFAULT_ENDPOINT, AsJson, Endpoint, answered, err, out, say_json
-from daemon.client import Client, listen
+from daemon.cli.words import sentence
+from daemon.client import Client
 from daemon.messages import JobResult
 
 app = typer.Typer()
@@ -67,53 +68,6 @@ def status(endpoint: Endpoint = DEFAULT_ENDPOINT, as_json: AsJson = False) -> No
     _ask("snapshot", endpoint, as_json=as_json)
 
 
-@app.command()
-def watch(
-    endpoint: Endpoint = DEFAULT_ENDPOINT,
-    topic: Annotated[list[str] | None, typer.Option(help="Only these topics.")] = None,
-    count: Annotated[int, typer.Option(help="End after so many events; 0 goes on.")] = 0,
-    as_json: AsJson = False,
-) -> None:
-    """Print events as they come, until Ctrl-C."""
-    with answered(), Client(endpoint) as client:
-        events = client.request("describe")["events"]
-    topics = tuple(topic) if topic else ("state", "result", "alert", "progress", "log")
-    try:
-        for n, event in enumerate(listen(events, topics), start=1):
-            if as_json:
-                say_json(event)
-            else:
-                out.print(
-                    f"[dim]{event['time']} {event['seq']:>6}[/] {event['topic']:<9} {_gist(event)}", highlight=False
-                )
-            if n == count:
-                return
-    except KeyboardInterrupt:
-        err.print("[dim]no longer listening[/]")
-
-
-def _gist(event: dict[str, Any]) -> str:
-    """Say an event in a line."""
-    match event["topic"]:
-        case "state":
-            return f"{event['was']} --{event['event']}--> [bold]{event['state']}[/]"
-        case "result":
-            return _sentence(JobResult.model_validate({k: event[k] for k in JobResult.model_fields}))
-        case "progress":
-            return f"{event['op']}: {event['done']} of {event['total']}, {event['doing']}"
-        case _:
-            return ", ".join(f"{k}={v}" for k, v in event.items() if k not in ("v", "topic", "seq", "time", "station"))
-
-
-def _sentence(result: JobResult) -> str:
-    where = f" {result.test_point}" if result.test_point else ""
-    if result.error is not None:
-        return f"[red]{result.op}{where} failed[/]: {result.error.name} ({result.error.code}), {result.error.message}"
-    before, after = result.error_before_um, result.error_after_um
-    error = "" if before is None else f", {before:.0f} um off" if after is None else f", {before:.0f} -> {after:.0f} um"
-    return f"[green]{result.outcome}[/]{where}{error}, {result.looks} looks, {result.moves} moves"
-
-
 def run_job(op: str, endpoint: str, *, as_json: bool, job_id: str | None = None, timeout_s: float = 120.0,
             **fields: Any) -> None:  # fmt: skip
     """Run a job, show how it ended, and exit 1 if it failed."""
@@ -123,7 +77,7 @@ def run_job(op: str, endpoint: str, *, as_json: bool, job_id: str | None = None,
     if as_json:
         say_json(result.model_dump(mode="json"))
     else:
-        out.print(_sentence(result), highlight=False)
+        out.print(sentence(result), highlight=False)
         _print_timing(result)
         if result.pictures:
             out.print(f"pictures: {result.pictures}", highlight=False, soft_wrap=True)
@@ -152,4 +106,4 @@ def _ask(op: str, endpoint: str, *, as_json: bool, **fields: Any) -> None:
         if key not in ("v", "ok", "version", "last_result"):
             out.print(f"[bold]{key}[/]: {value}", highlight=False, soft_wrap=True)
     if reply.get("last_result"):
-        out.print(f"[bold]last result[/]: {_sentence(JobResult.model_validate(reply['last_result']))}", highlight=False)
+        out.print(f"[bold]last result[/]: {sentence(JobResult.model_validate(reply['last_result']))}", highlight=False)

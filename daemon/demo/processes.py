@@ -60,6 +60,15 @@ class Process:
         text = self._log.read_text(errors="replace").strip()
         return text[-2000:] or f"(it said nothing, exit code {self._popen.poll()})"
 
+    def wait(self) -> int:
+        """Wait until it ends by itself; return its exit code."""
+        return self._popen.wait(READY_WITHIN_S)
+
+    def kill(self) -> None:
+        """End it as a power cut would."""
+        self._popen.kill()
+        self._popen.wait()
+
     def end(self) -> int:
         """Ask it to end, then insist; return its exit code."""
         self._popen.terminate()

@@ -90,13 +90,15 @@ def running_rig(
     waits_for_speed: float = 1.0,
     reply_ms: float = REPLY_MS,
     pictures: Literal["failed", "all", "none"] = "all",
+    more_settings: str = "",
 ) -> Iterator[Rig]:
     """Start the simulated station and a daemon on it; `waits_for_speed` shortens what the daemon waits for by clock."""
     board = import_board(folder, side)
     (out / "board.json").write_text(board.model_dump_json())
     with tempfile.TemporaryDirectory(prefix="reprobe-") as sockets:
         places = Places(out, Path(sockets))
-        write_settings(places, speed=waits_for_speed, reply_ms=reply_ms, pictures=pictures)
+        settings = write_settings(places, speed=waits_for_speed, reply_ms=reply_ms, pictures=pictures)
+        settings.write_text(settings.read_text() + more_settings)
         sim_arguments = [
             "sim_hw", "--board", str(folder), "--side", side, "--seed", str(seed), "--line", places.line,
             "--camera", places.socket("camera"), "--bench", places.socket("bench"),

@@ -1,0 +1,58 @@
+"""The command that lays out units, user and device rules."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from daemon.cli.output import AsJson, fail, out, say_json
+from daemon.installing import PREFIX, InstallError, Placed, lay_out
+
+app = typer.Typer()
+
+FIRST = (
+    ("systemd-sysusers && systemd-tmpfiles --create", "the daemon's user, and the folder of its keys"),
+    ("systemctl daemon-reload", "systemd reads the units"),
+)
+DEVICES = (
+    (
+        "editor /etc/udev/rules.d/70-reprobe.rules && udevadm control --reload && udevadm trigger",
+        "your adapters' numbers; afterwards: ls -l /dev/reprobe-*",
+    ),
+    ("cp /etc/reprobe/station.example.toml /etc/reprobe/station.toml", "put in your own numbers"),
+    ("reprobe board CAD_FOLDER -o /etc/reprobe/board.json", "the board under test"),
+    ("reprobe check-config /etc/reprobe/station.toml", "every mistake at once"),
+)
+LAST = (
+    ("systemctl enable --now reprobe", "start it, and with every boot"),
+    ("systemctl status reprobe", "it starts in fault: not homed; then `reprobe home`"),
+)
+
+
+@app.command()
+def install(
+    root: Annotated[Path, typer.Option("--root", help="Lay out below this folder; / for this computer.")],
+    prefix: Annotated[Path, typer.Option("--prefix", help="Where the program's virtual environment is.")] = PREFIX,
+    bench: Annotated[bool, typer.Option("--bench", help="With the simulated station instead of a real one.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Lay out units, user, device rules and folders; what you have edited is left alone. May be run again."""
+    try:
+        placed = lay_out(root, prefix, bench=bench)
+    except InstallError as exc:
+        fail(str(exc), advice="as root for --root /; else choose a folder you may write to")
+    steps = [*FIRST, *(() if bench else DEVICES), *LAST]
+    if as_json:
+        say_json({"files": [{"path": str(p.path), "how": p.how} for p in placed], "next": [step for step, _ in steps]})
+        return
+    _tell(placed, steps)
+
+
+def _tell(placed: list[Placed], steps: list[tuple[str, str]]) -> None:
+    for one in placed:
+        out.print(f"{one.how:>20}  {one.path}", highlight=False, soft_wrap=True)
+    out.print("\nnext:")
+    for step, why in steps:
+        out.print(f"  {step}\n      {why}", highlight=False, soft_wrap=True, markup=False)
