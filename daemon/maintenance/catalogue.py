@@ -72,7 +72,7 @@ _SECTOR: Final = Spec(
 )  # fmt: skip
 _CORRECTIONS: Final = Spec(
     "correction_share", "corrections", "the share of touches that need a correction", "of touches",
-    ShareSettings(ceiling=0.3, clump=2.5), "see which placement alert stands; if none, clean pads and needle",
+    ShareSettings(ceiling=0.3, clump=4.0), "see which placement alert stands; if none, clean pads and needle",
     ("probe",), 4,
 )  # fmt: skip
 _FEW: Final = ShareSettings(block=2, windows=(1, 3, 5, 10, 25, 50), least=60, most=2000, times=2.0, ceiling=0.05)

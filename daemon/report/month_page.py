@@ -64,6 +64,9 @@ def numbers(month: Month) -> tuple[Number, ...]:
             events, trials = (sum(column) for column in zip(*course.by_day.values(), strict=True))
             if trials:
                 rows.append(Number(spec.what, events / trials, spec.unit, spec.digits, f"{events} in {trials}"))
+        elif spec.settings is None:
+            rows.append(Number(spec.what, course.values[-1], spec.unit, spec.digits, "when last asked",
+                               bad=name in month.still_standing))  # fmt: skip
         else:
             values = np.array(course.values)
             said = f"sd {rounded(float(values.std()), spec.digits + 1)}, {values.size} numbers"
@@ -88,7 +91,7 @@ def _group(month: Month, group: str, courses: Sequence[Course]) -> Plot:
     figure, axes = new_figure(rows, COLUMNS, height_in=PANEL_IN * rows + 0.3)
     for panel, course in zip(axes, courses, strict=False):
         (_share if course.is_share else _values)(panel, course)
-        panel.set_title(course.spec.what if len(course.spec.what) < 64 else course.spec.name)
+        panel.set_title(course.spec.what if len(course.spec.what) < 60 else course.spec.name)
         panel.set(xlim=(1, (month.last - month.first).days + 1), ylabel=course.spec.unit)
         for line in month.alerts:
             if line.name == course.spec.name and line.change == "raised":

@@ -100,7 +100,7 @@ def rates(charts: int) -> None:
         (name, partial(lambda settings, draw: chart_alarm(settings, draw(500, rng)), settings, draw))
         for name, settings, draw in of_corrections
     ]
-    steady, shares = np.full(100, 0.05), ShareSettings(times=1.0)
+    steady, shares = np.full(100, 0.05), ShareSettings(times=1.0, clump=4.0)
     kinds += [
         ("share, steady 5 %", lambda: share_alarm(shares, steady, rng)),
         ("share, 5 % in boards", lambda: share_alarm(shares, np.minimum(rng.gamma(2.0, 0.025, 100), 1.0), rng)),

@@ -99,7 +99,7 @@ PLANTED: Mapping[str, Planted] = {
     "map": _plant("grows older by a day in 1000 touches, from 10", lambda t: Wrong(map_days=10.0 + t / 1000.0),
                   "calibration_age"),
     "probe": _plant("was changed 99,000 touches before", lambda t: Wrong(probe_touches=99_000.0 + t), "probe_life"),
-    "corrections": _plant("5 -> 10 % at once", lambda _t: Wrong(share=0.10), "correction_share"),
+    "corrections": _plant("5 -> 12 % at once", lambda _t: Wrong(share=0.12), "correction_share"),
     "blind": _plant("half of the corrections find no tip", lambda _t: _fails("tip_not_found", 0.5), "tip_refused"),
     "dark": _plant("half of the pictures are unusable", lambda _t: _fails("frame_unusable", 0.5),
                    "pictures_unusable"),
