@@ -3,18 +3,30 @@ PY := .venv/bin/python
 STAMP := .venv/.installed
 BENCH_STAMP := .venv/.bench-installed
 
-.PHONY: demo test test-systemd wheel check lint types contract bench-vision landing requirements clean
+.PHONY: demo test test-seeing test-wired test-systemd test-vm wheel check lint types contract bench-vision landing requirements clean
 
 demo: $(STAMP)
 	$(PY) -m daemon.cli demo $(DEMO_ARGS)
 
+# Two halves side by side: one computes on one core, the other mostly waits for wires.
 test: $(STAMP)
-	$(PY) -m pytest -q
+	$(MAKE) --no-print-directory --jobs=2 --output-sync=line test-seeing test-wired
+
+test-seeing: $(STAMP)
+	$(PY) -m pytest -q tests/vision tests/daemon
+
+test-wired: $(STAMP)
+	$(PY) -m pytest -q tests --ignore=tests/vision --ignore=tests/daemon
 
 # The unit under a real systemd, in namespaces. Needs root and mmdebstrap; the first time it builds a Debian tree in
 # /var/cache/reprobe-tests (a minute or two), after that `make test` runs it too.
 test-systemd: $(STAMP)
 	REPROBE_TEST_SYSTEMD=build $(PY) -m pytest -q -rs -s tests/system
+
+# The unit in an emulated machine with a kernel, udev and device nodes of its own. Needs qemu-system-x86, and the first
+# time root and mmdebstrap, to build a disk in /var/cache/reprobe-tests; some ten minutes then, five later.
+test-vm: $(STAMP)
+	REPROBE_TEST_VM=build $(PY) -m pytest -q -rs -s tests/vm
 
 # What is copied to a station, beside requirements/station.txt.
 wheel: $(STAMP)
