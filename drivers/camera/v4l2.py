@@ -53,6 +53,8 @@ CaptureFactory = Callable[[str], Capture]
 
 def open_capture(device: str) -> Capture:
     """Open a device path with OpenCV's V4L2 backend, nothing else."""
+    # What OpenCV would write to stderr with every try, the driver tells once an outage
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
     return cv2.VideoCapture(device, cv2.CAP_V4L2)
 
 

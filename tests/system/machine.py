@@ -61,12 +61,20 @@ def why_not() -> str | None:
     return "needs mmdebstrap (apt-get install mmdebstrap)" if shutil.which("mmdebstrap") is None else None
 
 
+def build_wheel(work: Path) -> Path:
+    """Build the package as it is copied to a station; return its file in `work`."""
+    build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(work)]
+    done = subprocess.run(build, check=False, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    assert done.returncode == 0, done.stdout
+    (wheel,) = work.glob("*.whl")
+    return wheel
+
+
 @contextmanager
 def booted(work: Path) -> Iterator[Machine]:
     """Build what is not there yet, boot, and take everything down afterwards."""
     tree = _last_line(TREE)
-    subprocess.run([sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(work)], check=True, cwd=ROOT)
-    (wheel,) = work.glob("*.whl")
+    wheel = build_wheel(work)
     place = work / "machine"
     place.mkdir()
     with (work / "boot.log").open("wb") as words:

@@ -281,10 +281,13 @@ async def test_a_stream_that_broke_is_told_from_one_that_is_silent(
     await camera.close()
 
 
-async def test_a_missing_device_is_a_camera_error(soon: Deadline, tmp_path: Path) -> None:
-    """It should come from the real OpenCV backend as CameraError."""
+async def test_a_missing_device_is_a_camera_error(
+    soon: Deadline, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """It should come from the real OpenCV backend as CameraError, without words of the library's own."""
     with pytest.raises(CameraError, match="cannot be opened"):
         await V4L2Camera(config(str(tmp_path / "video0"))).open(soon)
+    assert "VIDEOIO" not in capfd.readouterr().err
 
 
 async def test_a_camera_that_opens_too_slowly_is_a_time_out(world: World) -> None:
