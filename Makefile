@@ -10,6 +10,7 @@ demo: $(STAMP)
 
 # Two halves side by side: one computes on one core, the other mostly waits for wires.
 test: $(STAMP)
+	@echo "Two halves side by side; each is shown when it is over, after some minutes."
 	$(MAKE) --no-print-directory --jobs=2 --output-sync=line test-seeing test-wired
 
 test-seeing: $(STAMP)
