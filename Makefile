@@ -14,10 +14,10 @@ test: $(STAMP)
 	$(MAKE) --no-print-directory --jobs=2 --output-sync=line test-seeing test-wired
 
 test-seeing: $(STAMP)
-	$(PY) -m pytest -q tests/vision tests/daemon
+	$(PY) -m pytest -q tests/vision tests/daemon tests/sim_hw tests/bench
 
 test-wired: $(STAMP)
-	$(PY) -m pytest -q tests --ignore=tests/vision --ignore=tests/daemon
+	$(PY) -m pytest -q tests --ignore=tests/vision --ignore=tests/daemon --ignore=tests/sim_hw --ignore=tests/bench
 
 # The unit under a real systemd, in namespaces. Needs root and mmdebstrap; the first time it builds a Debian tree in
 # /var/cache/reprobe-tests (a minute or two), after that `make test` runs it too.
