@@ -15,6 +15,7 @@ from typing import Any
 
 import structlog
 
+from daemon.admission import refuse_in_fault, refuse_other_request, refuse_unknown_point
 from daemon.alignment import align
 from daemon.calibration.jobs import calibrate
 from daemon.clock import due_at_s, utc_now
@@ -98,14 +99,14 @@ class Jobs:
         known = await self._known(request.id, canonical)
         if known is not None:
             return known
-        self._refuse_in_fault(request)
+        refuse_in_fault(request, self.fault)
         lengthy = request.op in LENGTHY
         due_s = due_at_s(
             request.deadline_ms, self._servo.calibration_timeout_s if lengthy else self._servo.job_timeout_s
         )
         self._refuse_too_many(client)
         if self.bench is not None:
-            self._refuse_unknown_point(request, self.bench)
+            refuse_unknown_point(request, self.bench.board)
         ticket = _Ticket(request, canonical, due_s, asyncio.get_running_loop().create_future(), client)
         self._open[request.id] = ticket
         try:
@@ -120,33 +121,21 @@ class Jobs:
         """Return the answer this id already has or will get."""
         ticket = self._open.get(job_id)
         if ticket is not None:
-            _same(job_id, canonical, ticket.canonical)
+            refuse_other_request(job_id, canonical, ticket.canonical)
             return ticket.done
         stored = await self._journal.job(job_id)
         ticket = self._open.get(job_id)
         if ticket is not None:  # it arrived twice while the journal was asked
-            _same(job_id, canonical, ticket.canonical)
+            refuse_other_request(job_id, canonical, ticket.canonical)
             return ticket.done
         if stored is None:
             return None
-        _same(job_id, canonical, stored.request)
+        refuse_other_request(job_id, canonical, stored.request)
         if stored.result is None:  # the disk failed when it ended; who waits must not wait for ever
             raise Fault(Kind.JOURNAL_FAILED, f"the result of job {job_id!r} could not be written"[:200], id=job_id)
         done: asyncio.Future[JobResult] = asyncio.get_running_loop().create_future()
         done.set_result(stored.result)
         return done
-
-    def _refuse_in_fault(self, request: AnyJob) -> None:
-        """Refuse work in a latched fault; homing is what cures `not_homed`."""
-        if self.fault is None or (request.op == "home" and self.fault.kind is Kind.NOT_HOMED):
-            return
-        first = self.fault
-        raise Fault(
-            Kind.IN_FAULT,
-            f"the daemon is in fault: {first.message}",
-            advice=first.advice,
-            first_cause=ErrorBody.of(first).model_dump(),
-        )
 
     def _refuse_too_many(self, client: str) -> None:
         """Refuse a job beyond what may wait, of this client or of all; its own share is named first."""
@@ -156,15 +145,6 @@ class Jobs:
             raise Fault(Kind.BUSY, f"{theirs} jobs of this client wait already", **limits)
         if len(self._open) >= self._queue_length + 1:
             raise Fault(Kind.BUSY, f"{len(self._open)} jobs are open", **limits)
-
-    @staticmethod
-    def _refuse_unknown_point(request: Any, bench: Bench) -> None:
-        """Refuse a test point the board has not, before the job is queued."""
-        name = getattr(request, "test_point", None)
-        if name is not None:
-            (bench.board.point if request.op == "correct" else bench.board.find)(name)
-        for fiducial in getattr(request, "fiducials", None) or ():
-            bench.board.find(fiducial)
 
     # --- running ---------------------------------------------------------------------------------------------
 
@@ -250,7 +230,7 @@ class Jobs:
 
     def _admit(self, ticket: _Ticket) -> Bench:
         """Begin: leave `not_homed` for homing, check the deadline again, and go to `triggered`."""
-        self._refuse_in_fault(ticket.request)
+        refuse_in_fault(ticket.request, self.fault)
         if self.bench is None:
             raise Fault(Kind.IN_FAULT, "the station is not open")
         if self._machine.state is State.FAULT:
@@ -412,9 +392,3 @@ class Jobs:
         self.fault = None
         if self._machine.state is State.FAULT:
             self._machine.fire(Event.CLEARED)
-
-
-def _same(job_id: str, asked: str, known: str) -> None:
-    """Refuse an id that stood for another request."""
-    if asked != known:
-        raise Fault(Kind.ID_REUSED, f"id {job_id!r} was used for a different request", id=job_id)
