@@ -26,7 +26,7 @@ from urllib.request import urlopen
 from pydantic import BaseModel, SecretBytes, SecretStr, ValidationError
 
 from daemon.calibration.records import read_record
-from daemon.client import Client, NoAnswer, Refused, reachable
+from daemon.client import Client, NoAnswer, Refused, from_here
 from daemon.clock import utc_now
 from daemon.config import Config, ConfigError, load_config
 from daemon.files import replace_whole
@@ -37,8 +37,6 @@ from daemon.messages import JobResult
 JOBS, LOG_LINES = 1000, 5000
 ASK_WITHIN_S = 2.0
 LOG_WITHIN_S = 20.0
-HERE = "tcp://127.0.0.1:1"
-"""Where a daemon that is bound to every address is reached from its own computer."""
 JPEG = b"\xff\xd8\xff"
 PRIVATE = 0o600
 REMOVED = "(removed)"
@@ -182,12 +180,7 @@ def _add_journal(bundle: Bundle, folder: Path, pictures_bytes: int) -> None:
     try:
         with JournalReader(folder / "journal.sqlite") as journal:
             rows = list(islice(journal.jobs(newest_first=True), JOBS))
-            lines = [
-                json.dumps({"id": row.id, "op": row.op, "received_at": row.received_at, "request": row.request,
-                            "result": row.result, "steps": [vars(step) for step in journal.steps(row.id)]})
-                for row in reversed(rows)
-            ]  # fmt: skip
-            bundle.add("journal.jsonl", "\n".join(lines) + "\n")
+            bundle.add("journal.jsonl", "".join(journal.line(row) + "\n" for row in reversed(rows)))
             bundle.add("alerts.jsonl", "".join(json.dumps(alert) + "\n" for alert in journal.alerts()))
     except NoJournal as exc:
         bundle.left_out["journal.jsonl"] = str(exc)
@@ -247,7 +240,7 @@ def _versions() -> dict[str, Any]:
 def _add_live(bundle: Bundle, config: Config) -> None:
     """Ask the daemon, if it runs, for its snapshot and its metrics."""
     try:
-        with Client(reachable(config.api.control, HERE), timeout_s=ASK_WITHIN_S) as client:
+        with Client(from_here(config.api.control), timeout_s=ASK_WITHIN_S) as client:
             bundle.add("snapshot.json", json.dumps(client.request("snapshot"), indent=1))
     except (NoAnswer, Refused, KeyTrouble) as exc:
         bundle.left_out["snapshot.json"] = str(exc)

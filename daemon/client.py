@@ -180,6 +180,11 @@ def reachable(events: str, control: str) -> str:
     return f"tcp://{control.partition('://')[2].rpartition(':')[0]}:{port}"
 
 
+def from_here(bound: str) -> str:
+    """Return an endpoint as it is reached from the daemon's own computer; it may be bound to every address."""
+    return reachable(bound, DEFAULT_CONTROL)
+
+
 def _private(keys: Keys) -> PrivateKey | None:
     """Return the key to come with; raise `KeyTrouble` if it cannot be used."""
     named = os.environ.get(KEY_VARIABLE)

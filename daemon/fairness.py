@@ -35,7 +35,3 @@ class FairQueue(Generic[T]):
 
     def __len__(self) -> int:
         return sum(len(items) for items in self._waiting.values())
-
-    def of(self, client: str) -> int:
-        """How many items of one client wait."""
-        return len(self._waiting.get(client, ()))

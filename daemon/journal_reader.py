@@ -114,6 +114,12 @@ class JournalReader:
         rows = self._rows("SELECT at, kind, body FROM steps WHERE job = ? ORDER BY n", (job_id,))
         return [Step(at, kind, json.loads(body)) for at, kind, body in rows]
 
+    def line(self, row: JobRow) -> str:
+        """Return all there is of a job as one line of JSON: request, result and every look and move."""
+        steps = [vars(step) for step in self.steps(row.id)]
+        whole = {"id": row.id, "op": row.op, "received_at": row.received_at, "request": row.request}
+        return json.dumps({**whole, "result": row.result, "steps": steps})
+
     def alerts(self) -> Iterator[dict[str, Any]]:
         """Yield alerts in their order."""
         for seq, at, body in self._pages("alerts", "seq, at, body", ["1"], []):

@@ -17,7 +17,6 @@ from vision.tip_strip import (
     CYLINDER_LENGTH_PX,
     END_CLEARANCE_PX,
     RIM_CLEARANCE_PX,
-    NeedleShape,
 )
 
 # A needle narrower than this share of its cylinder at the marking has no cylinder there: it tapers all along.
@@ -56,13 +55,6 @@ class Silhouette:
         cylinder = float(np.mean(self.half_px[: self.cylinder_rows]))
         there = float(np.interp(u_px, self.u_px, self.half_px))
         return there if there < TAPERED * cylinder else cylinder
-
-    @classmethod
-    def of_shape(cls, shape: NeedleShape) -> Silhouette:
-        """Return the outline of a plain shape: straight taper, straight cylinder, edges alike."""
-        u, cylinder_rows = caliper_rows(shape.end_to_rim_px, shape.marking_px)
-        half = shape.half_width(u)
-        return cls(u, -half, half, cylinder_rows)
 
 
 def caliper_rows(end_to_rim_px: float, marking_px: float) -> tuple[Floats, int]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ from daemon.calibrations import stamp
 from daemon.clock import utc_now
 from daemon.faults import Fault, Kind
 from daemon.job import Bench, Job
+from daemon.report.process import draw
 
 PAGE_WITHIN_S = 60.0
 NICER = 10
@@ -60,22 +60,11 @@ async def keep(bench: Bench, record: Record) -> dict[str, object]:
 
 
 async def _draw(record: Path, previous: Path | None, page: Path) -> bool:
-    """Draw the page in a process of its own: what it needs of memory does not stay in the service."""
-    arguments = [sys.executable, "-m", "daemon.report", str(record), "-o", str(page)]
+    """Draw the page; return whether it was drawn."""
+    arguments = [str(record), "-o", str(page)]
     if previous is not None:
         arguments += ["--previous", str(previous)]
-    process = await asyncio.create_subprocess_exec(
-        "nice", "-n", str(NICER), *arguments,
-        stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE,
-    )  # fmt: skip
-    try:
-        _, words = await asyncio.wait_for(process.communicate(), PAGE_WITHIN_S)
-    except TimeoutError:
-        words = b"it took too long"
-    finally:
-        if process.returncode is None:
-            process.kill()
-            await process.wait()
-    if process.returncode:
-        log.warning("page_not_drawn", record=str(record), why=words.decode(errors="replace").strip()[-300:])
-    return process.returncode == 0
+    status, words = await draw("daemon.report", arguments, PAGE_WITHIN_S, NICER)
+    if status:
+        log.warning("page_not_drawn", record=str(record), why=words[-300:])
+    return status == 0

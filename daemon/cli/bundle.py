@@ -9,7 +9,7 @@ import typer
 from rich.markup import escape
 
 from daemon.bundle import collect
-from daemon.cli.journal import ConfigFile
+from daemon.cli.config_file import ConfigFile
 from daemon.cli.output import AsJson, fail, out, say_json
 
 app = typer.Typer()

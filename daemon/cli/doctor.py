@@ -5,7 +5,7 @@ from __future__ import annotations
 import typer
 from rich.markup import escape
 
-from daemon.cli.journal import ConfigFile
+from daemon.cli.config_file import ConfigFile
 from daemon.cli.output import FAILED, AsJson, err, out, say_json
 
 app = typer.Typer()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import getpass
-import sys
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,10 +11,10 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from daemon.cli.journal import ConfigFile
+from daemon.cli.config_file import ConfigFile, load
 from daemon.cli.output import DEFAULT_ENDPOINT, FAILED, USAGE, AsJson, Endpoint, answered, fail, out, say_json
 from daemon.client import Client
-from daemon.config import ConfigError, load_config
+from daemon.report.process import draw
 
 app = typer.Typer()
 ALL_ALERTS = 2**62
@@ -63,31 +62,13 @@ def report(
     output: Annotated[Path, typer.Option("--output", "-o", help="The page to write.")],
 ) -> None:
     """Write a month of the station's health as one HTML page, out of its journal; no daemon is needed."""
-    try:
-        loaded = load_config(config)
-    except ConfigError as exc:
-        fail(str(exc), code=USAGE)
+    loaded = load(config)
     journal = loaded.station.data_dir / "journal.sqlite"
     arguments = ["--journal", str(journal), "--month", month, "--station", loaded.station.name, "-o", str(output)]
-    code, words = asyncio.run(_draw(arguments))
+    code, words = asyncio.run(draw("daemon.report.month", arguments, PAGE_WITHIN_S))
     if code:
         fail(words or f"the page was not drawn (status {code})", code=USAGE if code == USAGE else FAILED)
     out.print(f"written to {output}", highlight=False)
-
-
-async def _draw(arguments: list[str]) -> tuple[int, str]:
-    """Draw the page in a process of its own; return its exit status and what it said."""
-    process = await asyncio.create_subprocess_exec(
-        sys.executable, "-m", "daemon.report.month", *arguments,
-        stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE,
-    )  # fmt: skip
-    try:
-        _, words = await asyncio.wait_for(process.communicate(), PAGE_WITHIN_S)
-    except TimeoutError:
-        process.kill()
-        await process.wait()
-        return FAILED, "drawing the page took too long"
-    return int(process.returncode or 0), words.decode(errors="replace").strip().removeprefix("reprobe report: ")
 
 
 def _show(reply: dict[str, Any]) -> None:

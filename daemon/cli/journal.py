@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,17 +15,16 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
+from daemon.cli.config_file import ConfigFile, load
 from daemon.cli.job_page import pictures_of, write_job_page
 from daemon.cli.output import FAILED, USAGE, AsJson, err, fail, out, say_json
 from daemon.clock import WAITS
-from daemon.config import ConfigError, load_config
 from daemon.files import replace_whole
 from daemon.journal_reader import JobRow, JournalReader, NoJournal, Step
 
 app = typer.Typer()
 group = typer.Typer(help="The station's journal: list, show, export.", no_args_is_help=True)
 app.add_typer(group, name="journal")
-ConfigFile = Annotated[Path, typer.Option("--config", "-c", help="The station's TOML file.", envvar="REPROBE_CONFIG")]
 Failed = Annotated[bool, typer.Option("--failed", help="Only jobs that failed.")]
 Op = Annotated[str | None, typer.Option("--op", help="Only this operation.")]
 Since = Annotated[str | None, typer.Option(help="From then on: 2h, 3d, or a moment as ISO 8601 (UTC).")]
@@ -101,10 +99,7 @@ def export(
 @contextmanager
 def _journal(config: Path) -> Iterator[JournalReader]:
     """Open the journal of the station, or say why not."""
-    try:
-        folder = load_config(config).station.data_dir
-    except ConfigError as exc:
-        fail(str(exc), advice=f"correct it, then try `reprobe check-config {config}`", code=USAGE)
+    folder = load(config).station.data_dir
     try:
         with JournalReader(folder / "journal.sqlite") as journal:
             yield journal
@@ -157,9 +152,7 @@ def write_jsonl(path: Path, journal: JournalReader, jobs: Iterator[JobRow]) -> N
     """Write one JSON object a job: request, result and every look and move."""
     with path.open("w", encoding="utf-8") as file:
         for row in jobs:
-            steps = [vars(step) for step in journal.steps(row.id)]
-            whole = {"id": row.id, "op": row.op, "received_at": row.received_at, "request": row.request}
-            file.write(json.dumps({**whole, "result": row.result, "steps": steps}) + "\n")
+            file.write(journal.line(row) + "\n")
 
 
 def _cells(row: JobRow) -> list[str]:

@@ -9,8 +9,8 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
+from daemon.cli.config_file import load
 from daemon.cli.output import USAGE, AsJson, fail, out, say_json
-from daemon.config import ConfigError, load_config
 from daemon.keys import CLIENTS, REVOKED, ClientKey, KeyTrouble, clients, new_client, revoke
 
 app = typer.Typer()
@@ -86,10 +86,7 @@ def _folder(keys: Path, config: Path | None) -> Path:
     """Return the key folder meant."""
     if config is None:
         return keys
-    try:
-        return load_config(config).api.keys_dir
-    except ConfigError as exc:
-        fail(str(exc), advice=f"correct it, then try `reprobe check-config {config}`", code=USAGE)
+    return load(config).api.keys_dir
 
 
 def _facts(key: ClientKey, *, revoked: bool) -> dict[str, object]:

@@ -15,6 +15,7 @@ import zmq
 
 from daemon.alone import NotAloneError
 from daemon.board import Board
+from daemon.cli.config_file import load
 from daemon.cli.output import USAGE, AsJson, fail, out, say_json
 from daemon.config import Config, ConfigError, load_config
 from daemon.faults import Fault
@@ -29,7 +30,7 @@ ConfigFile = Annotated[Path, typer.Option("--config", "-c", help="The station's 
 @app.command()
 def run(config: ConfigFile, as_json: Annotated[bool, typer.Option("--json", help="Log JSON lines.")] = False) -> None:
     """Run the daemon until SIGTERM or Ctrl-C."""
-    loaded = _load(config)
+    loaded = load(config)
     set_up(as_json=as_json)
     # A watchdog ends a hung daemon by SIGABRT: where it hung is then in the log.
     if not faulthandler.is_enabled():
@@ -72,13 +73,6 @@ def check_config(
         out.print(f"{config}: good")
     if problems:
         raise typer.Exit(USAGE)
-
-
-def _load(path: Path) -> Config:
-    try:
-        return load_config(path)
-    except ConfigError as exc:
-        fail(str(exc), advice=f"correct it, then try `reprobe check-config {path}`", code=USAGE)
 
 
 def _board_problems(config: Config) -> list[tuple[str, str]]:

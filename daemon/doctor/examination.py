@@ -8,7 +8,7 @@ from contextlib import AsyncExitStack
 from pathlib import Path
 
 from daemon.board import Board
-from daemon.client import Client, NoAnswer, NotLetIn, Refused, reachable
+from daemon.client import Client, NoAnswer, NotLetIn, Refused, from_here
 from daemon.config import Config, ConfigError, load_config
 from daemon.doctor.computer import devices_of, examine_computer, in_use
 from daemon.doctor.drives import examine_axis, examine_line
@@ -22,8 +22,6 @@ from drivers.deadline import Deadline
 from drivers.errors import DeviceError
 
 ASK_WITHIN_S, OPEN_WITHIN_S = 1.5, 12.0
-HERE = "tcp://127.0.0.1:1"
-"""Where a daemon that is bound to every address is reached from its own computer."""
 
 
 def examine(config_file: Path) -> Findings:
@@ -57,7 +55,7 @@ def _ask_daemon(findings: Findings, config: Config) -> bool:
     """If a daemon runs on this station, note what it says of itself; tell whether one does."""
     about = "running daemon"
     try:
-        with Client(reachable(config.api.control, HERE), timeout_s=ASK_WITHIN_S) as client:
+        with Client(from_here(config.api.control), timeout_s=ASK_WITHIN_S) as client:
             says = client.request("snapshot")
     except (NotLetIn, Refused, KeyTrouble) as exc:
         advice = "name a key it takes in REPROBE_KEY, or stop it (systemctl stop reprobe) to examine the devices"

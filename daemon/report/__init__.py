@@ -3,7 +3,7 @@
 A process of its own, started for one page and gone when it is written. The plots are matplotlib's, which takes some
 60 MB and a second to import and never gives them back; a service that runs for months on a small station should not
 carry that, and neither should a page that hangs or fails be able to hold up a correction. So nothing outside this
-folder imports it: the service starts the command, niced and with a time limit, and reads its exit status.
+folder imports what draws: `process` starts the command, niced and with a time limit, and reads its exit status.
 
-Only `index` is free of matplotlib.
+`index`, `process` and `command` are free of matplotlib.
 """

@@ -6,34 +6,20 @@ on stderr says why, and a page that was there before is as it was.
 
 from __future__ import annotations
 
-import argparse
-import os
 import sys
-import tempfile
 from pathlib import Path
-from typing import NoReturn
 
-OK, NOT_WRITTEN, WRONG = 0, 1, 2
-
-
-class _Parser(argparse.ArgumentParser):
-    """Says what is wrong in one line."""
-
-    def error(self, message: str) -> NoReturn:
-        """Leave with the status of a wrong call."""
-        sys.exit(_say(message, WRONG))
+from daemon.report.command import NOT_WRITTEN, OK, WRONG, Parser, own_settings, say
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; return its exit status."""
-    parser = _Parser(prog="python -m daemon.report", description=__doc__)
+    parser = Parser(prog="python -m daemon.report", description=__doc__)
     parser.add_argument("record", type=Path, help="the calibration's JSON record")
     parser.add_argument("--previous", type=Path, help="the record it replaced, for the drift")
     parser.add_argument("-o", "--output", type=Path, required=True, help="the page to write")
     given = parser.parse_args(arguments)
-    with tempfile.TemporaryDirectory(prefix="reprobe-report-") as folder:
-        # A service's user has no home to keep matplotlib's settings in; it would warn and look for a place by itself.
-        os.environ.setdefault("MPLCONFIGDIR", folder)
+    with own_settings():
         return _draw(given.record, given.previous, given.output)
 
 
@@ -44,21 +30,16 @@ def _draw(record: Path, previous: Path | None, output: Path) -> int:
     from daemon.report.pages import write_page  # noqa: PLC0415
 
     if output.name == INDEX:
-        return _say(f"{INDEX} is the index of the folder; name the page otherwise", WRONG)
+        return say(f"{INDEX} is the index of the folder; name the page otherwise", WRONG)
     try:
         now, before = read_record(record), read_record(previous) if previous else None
         write_page(now, before, output)
         renew_index(output.parent)
     except ValueError as exc:
-        return _say(str(exc), WRONG)
+        return say(str(exc), WRONG)
     except OSError as exc:
-        return _say(str(exc), NOT_WRITTEN)
+        return say(str(exc), NOT_WRITTEN)
     return OK
-
-
-def _say(message: str, status: int) -> int:
-    sys.stderr.write("reprobe report: " + " ".join(message.split()) + "\n")
-    return status
 
 
 if __name__ == "__main__":

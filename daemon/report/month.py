@@ -6,29 +6,17 @@ A process of its own, as every page with plots is. Exit status 0: written. 1: a 
 
 from __future__ import annotations
 
-import argparse
-import os
 import re
 import sys
-import tempfile
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import NoReturn
 
-OK, NOT_WRITTEN, WRONG = 0, 1, 2
-
-
-class _Parser(argparse.ArgumentParser):
-    """Says what is wrong in one line."""
-
-    def error(self, message: str) -> NoReturn:
-        """Leave with the status of a wrong call."""
-        sys.exit(_say(message, WRONG))
+from daemon.report.command import NOT_WRITTEN, OK, WRONG, Parser, own_settings, say
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; return its exit status."""
-    parser = _Parser(prog="python -m daemon.report.month", description=__doc__)
+    parser = Parser(prog="python -m daemon.report.month", description=__doc__)
     parser.add_argument("--journal", type=Path, required=True)
     parser.add_argument("--month", required=True)
     parser.add_argument("--station", required=True)
@@ -36,10 +24,8 @@ def main(arguments: list[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     span = month_span(given.month)
     if span is None:
-        return _say(f"{given.month!r} is no month; write it as 2026-11", WRONG)
-    with tempfile.TemporaryDirectory(prefix="reprobe-report-") as folder:
-        # A service's user has no home to keep matplotlib's settings in; it would warn and look for a place by itself.
-        os.environ.setdefault("MPLCONFIGDIR", folder)
+        return say(f"{given.month!r} is no month; write it as 2026-11", WRONG)
+    with own_settings():
         return _draw(given.journal, given.station, span, given.output)
 
 
@@ -63,13 +49,8 @@ def _draw(journal: Path, station: str, span: tuple[datetime, datetime], output: 
     try:
         write_month(read_month(journal, station, *span), output)
     except (NoJournal, OSError) as exc:
-        return _say(str(exc), NOT_WRITTEN)
+        return say(str(exc), NOT_WRITTEN)
     return OK
-
-
-def _say(message: str, status: int) -> int:
-    sys.stderr.write("reprobe report: " + " ".join(message.split()) + "\n")
-    return status
 
 
 if __name__ == "__main__":

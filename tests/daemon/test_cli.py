@@ -6,11 +6,9 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-import structlog
 from typer.testing import CliRunner
 
 from daemon.cli.app import app
@@ -20,13 +18,7 @@ DEMO = ROOT / "sim_hw" / "demo_board"
 EXAMPLE = ROOT / "systemd" / "station.example.toml"
 NOBODY = "ipc:///nonexistent/reprobe-test"
 runner = CliRunner()
-
-
-@pytest.fixture(autouse=True)
-def logging_as_before() -> Iterator[None]:
-    """`run` sets logging up for its process, onto a stream that is closed after the test."""
-    yield
-    structlog.reset_defaults()
+pytestmark = pytest.mark.usefixtures("logging_as_before")
 
 
 def _run(*arguments: str) -> tuple[int, str]:

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import fcntl
 import json
-import logging
 import os
 import pty
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-import structlog
 from typer.testing import CliRunner
 
 from daemon.cli.app import app
@@ -21,15 +19,7 @@ from daemon.doctor import computer
 from daemon.doctor.computer import examine_data_dir, examine_device, examine_time
 from daemon.doctor.findings import Finding, Findings
 
-
-@pytest.fixture(autouse=True)
-def logging_as_before() -> Iterator[None]:
-    """The command sets logging up for its process."""
-    root = logging.getLogger()
-    before = root.handlers[:], root.level
-    yield
-    structlog.reset_defaults()
-    root.handlers[:], root.level = before[0], before[1]
+pytestmark = pytest.mark.usefixtures("logging_as_before")
 
 
 @pytest.fixture

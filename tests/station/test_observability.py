@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import logging
 import re
 import socket
 import tarfile
@@ -13,7 +12,6 @@ from pathlib import Path
 from urllib.request import urlopen
 
 import pytest
-import structlog
 from typer.testing import CliRunner, Result
 
 from daemon.cli.app import app
@@ -21,15 +19,7 @@ from daemon.cli.watch import follow
 from daemon.cli.watch_view import View
 from tests.station.rig import EVENTUALLY_S, Rig, running_rig
 
-
-@pytest.fixture(autouse=True)
-def logging_as_before() -> Iterator[None]:
-    """The command sets logging up for its process."""
-    root = logging.getLogger()
-    before = root.handlers[:], root.level
-    yield
-    structlog.reset_defaults()
-    root.handlers[:], root.level = before[0], before[1]
+pytestmark = pytest.mark.usefixtures("logging_as_before")
 
 
 @pytest.fixture(scope="module")

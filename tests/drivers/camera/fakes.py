@@ -1,15 +1,41 @@
 """A fake V4L2 capture and a tiny stream server, both driven by the test."""
 
+import asyncio
 import json
 import threading
 import time
+from collections.abc import Callable
 from typing import Any
 
 import cv2
 import numpy as np
 import zmq
 
+from drivers.camera import CameraConfig
+from drivers.deadline import Deadline
+
 WIDTH, HEIGHT = 64, 48
+
+
+def config(device: str = "/dev/video9", **change: object) -> CameraConfig:
+    settings: dict[str, object] = {
+        "width_px": WIDTH,
+        "height_px": HEIGHT,
+        "fps": 500.0,
+        "exposure_us": 1000,
+        "frame_timeout_s": 0.2,
+        "backoff_s": 0.01,
+        "backoff_max_s": 0.02,
+        **change,
+    }
+    return CameraConfig(device, **settings)  # type: ignore[arg-type]
+
+
+async def until(holds: Callable[[], bool], deadline: Deadline) -> None:
+    """Let the grabbing thread run until something holds."""
+    while not holds():
+        assert not deadline.expired
+        await asyncio.sleep(0.001)
 
 
 def picture(number: int) -> np.ndarray:
