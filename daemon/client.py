@@ -14,8 +14,8 @@ from typing import Any, Self
 import zmq
 from zmq.utils.monitor import recv_monitor_message
 
-from daemon.keys import KeyTrouble, PrivateKey, read_private
-from daemon.messages import WIRE_VERSION, JobResult
+from daemon.wire.curve_keys import KeyTrouble, PrivateKey, read_private
+from daemon.wire.requests import WIRE_VERSION, JobResult
 
 DEFAULT_CONTROL = "tcp://127.0.0.1:5555"
 DEFAULT_EVENTS = "tcp://127.0.0.1:5556"

@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 
 import zmq
 
-from sim_hw.knobs import Knobs
+from sim_hw.plant.knobs import Knobs
 from sim_hw.station import Station, StationOptions
 
 EXIT_BAD = 2

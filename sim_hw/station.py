@@ -11,18 +11,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from sim_hw.axis import SPECS
 from sim_hw.bench import BenchServer
-from sim_hw.board import Board, load_board
-from sim_hw.camera import CameraServer
-from sim_hw.clock import SimClock
-from sim_hw.faults import Faults
-from sim_hw.knobs import Knobs
-from sim_hw.l4118 import L4118
-from sim_hw.line import Line
-from sim_hw.modbus import Slave
-from sim_hw.plant import Placement, Plant
-from sim_hw.relay import Relay
+from sim_hw.board.board import Board, load_board
+from sim_hw.bus.line import Line
+from sim_hw.bus.modbus import Slave
+from sim_hw.bus.relay import Relay
+from sim_hw.camera.server import CameraServer
+from sim_hw.drive.l4118 import L4118
+from sim_hw.plant.axis import SPECS
+from sim_hw.plant.clock import SimClock
+from sim_hw.plant.faults import Faults
+from sim_hw.plant.knobs import Knobs
+from sim_hw.plant.plant import Placement, Plant
 from sim_hw.truth import TruthLog, truth_record
 
 RELAY_ADDRESS = 5

@@ -9,8 +9,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Protocol
 
-from sim_hw.needle_bend import bend_um
-from sim_hw.plant import Plant
+from sim_hw.plant.plant import Plant
+from sim_hw.scene.needle_bend import bend_um
 
 #: Name of the control point of the card among the targets.
 CONTROL = "CONTROL"

@@ -1,17 +1,17 @@
 """Pure functions: image in, geometry out."""
 
-from vision.annotate import crop, draw_test_points, draw_tip
-from vision.controlpoint import Arm, ControlPoint, find_control_point
-from vision.extrinsics import ExtrinsicsFit, fit_extrinsics
-from vision.notfound import NotFound, Reason
-from vision.orthophoto import Orthophoto, make_orthophoto
-from vision.probe_model import ProbeModel
-from vision.projection import Extrinsics, Intrinsics, Plane, back_project, project
-from vision.quality import ImageQuality, measure_quality
-from vision.rules import RULES, Decided, Hole, SeenObject, Verdict
-from vision.testpoint import Seen, TestPoint, find_test_points
-from vision.tip import Tip, find_tip
-from vision.view import View
+from vision.annotate.draw import crop, draw_test_points, draw_tip
+from vision.control_point.find import Arm, ControlPoint, find_control_point
+from vision.core.image_quality import ImageQuality, measure_quality
+from vision.core.not_found import NotFound, Reason
+from vision.core.view import View
+from vision.geometry.camera_model import Extrinsics, Intrinsics, Plane, back_project, project
+from vision.geometry.extrinsics import ExtrinsicsFit, fit_extrinsics
+from vision.geometry.orthophoto import Orthophoto, make_orthophoto
+from vision.pads.find import Seen, TestPoint, find_test_points
+from vision.pads.rules import RULES, Decided, Hole, SeenObject, Verdict
+from vision.tip.find import Tip, find_tip
+from vision.tip.probe_model import ProbeModel
 
 __all__ = [
     "RULES",

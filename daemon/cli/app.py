@@ -5,12 +5,12 @@ from __future__ import annotations
 import typer
 
 from daemon.cli import (
-    boards,
     bundle,
     calibrate,
     demo,
     doctor,
     health,
+    import_board,
     install,
     journal,
     keys,
@@ -21,7 +21,7 @@ from daemon.cli import (
     tester,
     watch,
 )
-from daemon.cli.keyed import with_keys
+from daemon.cli.client_keys import with_keys
 
 app = typer.Typer(
     name="reprobe",
@@ -37,7 +37,7 @@ for commands in (
     calibrate.app,
     look.app,
     teach.app,
-    boards.app,
+    import_board.app,
     health.app,
     journal.app,
     keys.app,

@@ -8,9 +8,9 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from daemon.bundle import collect
 from daemon.cli.config_file import ConfigFile
 from daemon.cli.output import AsJson, fail, out, say_json
+from daemon.tools.support_bundle import collect
 
 app = typer.Typer()
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, select_autoescape
 
-from daemon.files import replace_whole
+from daemon.platform.atomic_file import replace_whole
 
 
 def write_click_page(picture: Path, page: Path) -> None:

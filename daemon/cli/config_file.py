@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from daemon.cli.output import USAGE, fail
-from daemon.config import Config, ConfigError, load_config
+from daemon.config.model import Config, ConfigError, load_config
 
 ConfigFile = Annotated[Path, typer.Option("--config", "-c", help="The station's TOML file.", envvar="REPROBE_CONFIG")]
 

@@ -16,14 +16,14 @@ import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from daemon.board import Board
-from daemon.cad import import_board
 from daemon.cli.output import FAILED, USAGE, AsJson, err, fail, out, say_json
 from daemon.client import Client, NoAnswer, Refused
-from daemon.demo.processes import Bench, Process, StartError, wait_for_daemon
-from daemon.demo.report import write_report
-from daemon.demo.session import LIMIT_UM, Landing, Session, SetUpError, choose_points
-from daemon.demo.settings import Places, write_settings
+from daemon.domain.board import Board
+from daemon.tools.cad_import import import_board
+from daemon.tools.demo.processes import Bench, Process, StartError, wait_for_daemon
+from daemon.tools.demo.report import write_report
+from daemon.tools.demo.session import LIMIT_UM, Landing, Session, SetUpError, choose_points
+from daemon.tools.demo.settings import Places, write_settings
 
 app = typer.Typer()
 ROTATION_ANGLES = 24

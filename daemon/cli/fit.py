@@ -12,9 +12,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from daemon.cli.output import USAGE, AsJson, fail, out, say_json
-from daemon.records import BadRecord, RotationalRecord, read_record
-from vision.head_fit import Choice, HeadFit, fit_head, head_positions_um, order_table
-from vision.head_record import repeatability_um
+from daemon.tools.rotation_csv import BadRecord, RotationalRecord, read_record
+from vision.head.fit import Choice, HeadFit, fit_head, head_positions_um, order_table
+from vision.head.record import repeatability_um
 
 LANDED_UM = 200.0
 """The thesis counts a landing within this distance (6.3)."""

@@ -14,7 +14,7 @@ from rich.table import Table
 from daemon.cli.config_file import ConfigFile, load
 from daemon.cli.output import DEFAULT_ENDPOINT, FAILED, USAGE, AsJson, Endpoint, answered, fail, out, say_json
 from daemon.client import Client
-from daemon.report.process import draw
+from daemon.platform.subprocess import draw
 
 app = typer.Typer()
 ALL_ALERTS = 2**62
@@ -65,7 +65,7 @@ def report(
     loaded = load(config)
     journal = loaded.station.data_dir / "journal.sqlite"
     arguments = ["--journal", str(journal), "--month", month, "--station", loaded.station.name, "-o", str(output)]
-    code, words = asyncio.run(draw("daemon.report.month", arguments, PAGE_WITHIN_S))
+    code, words = asyncio.run(draw("daemon.tools.report.month", arguments, PAGE_WITHIN_S))
     if code:
         fail(words or f"the page was not drawn (status {code})", code=USAGE if code == USAGE else FAILED)
     out.print(f"written to {output}", highlight=False)

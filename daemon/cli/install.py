@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from daemon.cli.output import AsJson, fail, out, say_json
-from daemon.installing import PREFIX, InstallError, Placed, lay_out
+from daemon.tools.install import PREFIX, InstallError, Placed, lay_out
 
 app = typer.Typer()
 

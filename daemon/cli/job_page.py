@@ -7,9 +7,9 @@ from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from daemon.clock import WAITS
-from daemon.files import replace_whole
-from daemon.journal_reader import JobRow, Step
+from daemon.platform.atomic_file import replace_whole
+from daemon.platform.clock import WAITS
+from daemon.storage.journal_reader import JobRow, Step
 
 
 def pictures_of(row: JobRow) -> list[Path]:

@@ -18,9 +18,9 @@ from rich.table import Table
 from daemon.cli.config_file import ConfigFile, load
 from daemon.cli.job_page import pictures_of, write_job_page
 from daemon.cli.output import FAILED, USAGE, AsJson, err, fail, out, say_json
-from daemon.clock import WAITS
-from daemon.files import replace_whole
-from daemon.journal_reader import JobRow, JournalReader, NoJournal, Step
+from daemon.platform.atomic_file import replace_whole
+from daemon.platform.clock import WAITS
+from daemon.storage.journal_reader import JobRow, JournalReader, NoJournal, Step
 
 app = typer.Typer()
 group = typer.Typer(help="The station's journal: list, show, export.", no_args_is_help=True)

@@ -11,7 +11,7 @@ from rich.table import Table
 
 from daemon.cli.config_file import load
 from daemon.cli.output import USAGE, AsJson, fail, out, say_json
-from daemon.keys import CLIENTS, REVOKED, ClientKey, KeyTrouble, clients, new_client, revoke
+from daemon.wire.curve_keys import CLIENTS, REVOKED, ClientKey, KeyTrouble, clients, new_client, revoke
 
 app = typer.Typer()
 group = typer.Typer(help="Keys of clients that reach the daemon from outside: new, list, revoke.", no_args_is_help=True)

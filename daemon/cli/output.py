@@ -12,7 +12,7 @@ import typer
 from rich.console import Console
 
 from daemon.client import DEFAULT_CONTROL, NoAnswer, NotLetIn, Refused
-from daemon.keys import KeyTrouble
+from daemon.wire.curve_keys import KeyTrouble
 
 WIDE = 130
 """Columns of tables that are written to a file or a pipe."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rich.markup import escape
 
 from daemon.cli.output import FAILED, USAGE, err, fail
-from daemon.files import replace_whole
+from daemon.platform.atomic_file import replace_whole
 
 Pixels = NDArray[np.uint8]
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"})

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from daemon.cli.output import USAGE, fail, out, say_json
-from daemon.schema import schemas, write
+from daemon.wire.docs.schema import schemas, write
 
 app = typer.Typer()
 

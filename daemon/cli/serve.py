@@ -13,15 +13,15 @@ from typing import Annotated
 import typer
 import zmq
 
-from daemon.alone import NotAloneError
-from daemon.board import Board
+from daemon.app.service import Service
 from daemon.cli.config_file import load
 from daemon.cli.output import USAGE, AsJson, fail, out, say_json
-from daemon.config import Config, ConfigError, load_config
-from daemon.faults import Fault
-from daemon.keys import KeyTrouble
-from daemon.logs import set_up
-from daemon.service import Service
+from daemon.config.model import Config, ConfigError, load_config
+from daemon.domain.board import Board
+from daemon.domain.errors import Fault
+from daemon.platform.instance_lock import NotAloneError
+from daemon.platform.logs import set_up
+from daemon.wire.curve_keys import KeyTrouble
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 ConfigFile = Annotated[Path, typer.Option("--config", "-c", help="The station's TOML file.")]

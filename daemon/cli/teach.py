@@ -10,12 +10,12 @@ import numpy as np
 import typer
 from rich.markup import escape
 
-from daemon.cli.findings import facts_table, number, numbers
 from daemon.cli.output import USAGE, AsJson, fail, out, say_json
 from daemon.cli.picture_files import Pixels, check_place, check_target, keep, open_picture, write_picture
 from daemon.cli.points import point_option
+from daemon.cli.vision_output import facts_table, number, numbers
 from vision import NotFound, ProbeModel, Tip, find_tip
-from vision.annotate import draw_tip, draw_untaught
+from vision.annotate.draw import draw_tip, draw_untaught
 
 app = typer.Typer()
 MOST_OFF_PX = 0.5

@@ -7,10 +7,10 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
+from daemon.cli.formatting import sentence
 from daemon.cli.output import DEFAULT_ENDPOINT, AsJson, Endpoint, answered, err, out, say_json
-from daemon.cli.words import sentence
 from daemon.client import Client
-from daemon.messages import JobResult
+from daemon.wire.requests import JobResult
 
 app = typer.Typer()
 ANSWER_WITHIN_S = 5.0

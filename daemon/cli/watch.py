@@ -10,11 +10,11 @@ from typing import Annotated, Any
 import typer
 from rich.live import Live
 
+from daemon.cli.formatting import gist
 from daemon.cli.output import DEFAULT_ENDPOINT, AsJson, Endpoint, answered, err, out, say_json
 from daemon.cli.watch_view import View
-from daemon.cli.words import gist
 from daemon.client import Client, NoAnswer, NotLetIn, Refused, Subscription, listen
-from daemon.messages import JobResult
+from daemon.wire.requests import JobResult
 
 app = typer.Typer()
 TOPICS = ("state", "result", "alert", "progress", "log")

@@ -13,8 +13,8 @@ from rich.panel import Panel
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 
-from daemon.cli.words import result_of, sentence
-from daemon.messages import JobResult
+from daemon.cli.formatting import result_of, sentence
+from daemon.wire.requests import JobResult
 
 RESULTS, SILENT_S, LATE = 8, 3.5, 50
 COLOUR = {"idle": "green", "fault": "red"}

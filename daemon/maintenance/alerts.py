@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal, Self
 
-from daemon.maintenance.points import Finding, Severity
+from daemon.maintenance.types import Finding, Severity
 
 Change = Literal["raised", "worse", "acknowledged", "cleared"]
 

@@ -9,8 +9,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Final, Literal
 
-from daemon.maintenance.chart import ChartSettings
-from daemon.maintenance.share import ShareSettings
+from daemon.maintenance.proportion_test import ShareSettings
+from daemon.maintenance.xmr_chart import ChartSettings
 
 Base = Literal["probe", "map", "rotation", "surface", "alignment"]
 GROUPS: Final = (

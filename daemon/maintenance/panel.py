@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from typing import Any, Self
 
 from daemon.maintenance.catalogue import Spec
-from daemon.maintenance.chart import Chart, ChartSettings
-from daemon.maintenance.limit import Limit
-from daemon.maintenance.points import Finding, Point
-from daemon.maintenance.share import Share, ShareSettings
+from daemon.maintenance.limit_check import Limit
+from daemon.maintenance.proportion_test import Share, ShareSettings
+from daemon.maintenance.types import Finding, Point
+from daemon.maintenance.xmr_chart import Chart, ChartSettings
 
 Watch = Chart | Share | Limit
 

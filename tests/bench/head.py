@@ -21,8 +21,8 @@ from rich.table import Table
 from scipy.interpolate import CubicSpline, RBFInterpolator
 
 from tests.vision.head_records import rebuilt_record
-from vision.head_circle import fit_rotation
-from vision.head_fit import Kind, fit_head, head_positions_um, order_table
+from vision.head.circle import fit_rotation
+from vision.head.fit import Kind, fit_head, head_positions_um, order_table
 
 Floats = NDArray[np.float64]
 Model = Callable[[Floats, Floats], Floats]

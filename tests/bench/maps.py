@@ -17,12 +17,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sim_hw.optics import TIP_PX, make_optics
-from vision.frames import Array, rotation
-from vision.imagemap import Correction, Sighting, sightings_px, sightings_um
-from vision.polarmap import fit_polar_map
-from vision.posemap import fit_pose_map
-from vision.similarity import fit_similarity
+from sim_hw.scene.optics import TIP_PX, make_optics
+from vision.geometry.frames import Array, rotation
+from vision.geometry.image_map import Correction, Sighting, sightings_px, sightings_um
+from vision.geometry.polar_map import fit_polar_map
+from vision.geometry.pose_map import fit_pose_map
+from vision.geometry.similarity import fit_similarity
 
 STOP_UM, SEEN_PX, HOVER_UM, REACH_UM = 8.0, 0.15, 200.0, 700.0
 RINGS = ((0.45, 6), (0.95, 10))

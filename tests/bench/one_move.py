@@ -10,10 +10,10 @@ import tempfile
 from pathlib import Path
 from typing import Literal
 
-from daemon.config import load_config
-from daemon.demo.processes import Process
-from daemon.demo.settings import Places, write_settings
-from daemon.logs import set_up
+from daemon.config.model import load_config
+from daemon.platform.logs import set_up
+from daemon.tools.demo.processes import Process
+from daemon.tools.demo.settings import Places, write_settings
 from drivers.bus import ModbusBus, SerialLine
 from drivers.deadline import Deadline
 from drivers.l4118 import Axis, AxisConfig, HomingConfig

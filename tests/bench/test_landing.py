@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from daemon.cad import import_board
-from daemon.messages import ErrorBody, JobResult
-from sim_hw.board import load_board
+from daemon.tools.cad_import import import_board
+from daemon.wire.requests import ErrorBody, JobResult
+from sim_hw.board.board import load_board
 from tests.bench.landing import __main__ as command
 from tests.bench.landing import campaign, judge, table
 from tests.bench.landing.progress import Display

@@ -22,7 +22,7 @@ from pathlib import Path
 import zmq
 
 from daemon.client import Client
-from daemon.keys import new_client, read_private
+from daemon.wire.curve_keys import new_client, read_private
 from tests.bench.idle import cpu_s
 from tests.station.rig import Rig, running_rig
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from sim_hw.optics import Head
+from sim_hw.scene.optics import Head
 
 Point = npt.NDArray[np.float64]
 

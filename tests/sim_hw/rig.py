@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import struct
 
-from sim_hw.axis import SPECS
-from sim_hw.faults import Faults
-from sim_hw.knobs import Knobs
-from sim_hw.l4118 import L4118
-from sim_hw.modbus import answer, crc16, seal
-from sim_hw.plant import Placement, Plant
+from sim_hw.bus.modbus import answer, crc16, seal
+from sim_hw.drive.l4118 import L4118
+from sim_hw.plant.axis import SPECS
+from sim_hw.plant.faults import Faults
+from sim_hw.plant.knobs import Knobs
+from sim_hw.plant.plant import Placement, Plant
 
 BY_NAME = {spec.name: spec for spec in SPECS}
 

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from sim_hw.board import Board
-from sim_hw.card import CardPose
+from sim_hw.board.board import Board
+from sim_hw.plant.card import CardPose
 
 DEMO = Path(__file__).parents[2] / "sim_hw" / "demo_board"
 SHARED_BOARDS = Path(__file__).parents[3] / "shared" / "boards"

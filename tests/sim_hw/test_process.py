@@ -17,7 +17,7 @@ import pytest
 import zmq
 
 import sim_hw
-from sim_hw.modbus import crc16, seal
+from sim_hw.bus.modbus import crc16, seal
 
 ROOT = Path(sim_hw.__file__).parents[1]
 BOARD = ROOT / "sim_hw" / "demo_board"

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from sim_hw.board import ROBOT_ORIGIN_UM
-from sim_hw.optics import board_plane
-from sim_hw.pose import ORIGIN_UM
+from sim_hw.board.board import ROBOT_ORIGIN_UM
+from sim_hw.plant.pose import ORIGIN_UM
+from sim_hw.scene.optics import board_plane
 from tests.sim_hw.rig import make_plant
 
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from sim_hw.needle import Needle
-from sim_hw.needle_bend import bend_um
-from sim_hw.optics import make_optics
+from sim_hw.scene.needle import Needle
+from sim_hw.scene.needle_bend import bend_um
+from sim_hw.scene.optics import make_optics
 from sim_hw.truth import TruthLog, truth_record
 from tests.sim_hw.rig import make_plant
 

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from daemon.board import Board
-from daemon.cad import import_board
 from daemon.client import Client
-from daemon.demo.processes import Bench, Process, wait_for_daemon
-from daemon.demo.session import Session
-from daemon.demo.settings import REPLY_MS, Places, write_settings
+from daemon.domain.board import Board
+from daemon.tools.cad_import import import_board
+from daemon.tools.demo.processes import Bench, Process, wait_for_daemon
+from daemon.tools.demo.session import Session
+from daemon.tools.demo.settings import REPLY_MS, Places, write_settings
 
 ROOT = Path(__file__).parents[2]
 EVENTUALLY_S = 20.0

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from daemon.client import Client
-from daemon.demo.processes import Process
+from daemon.tools.demo.processes import Process
 from tests.station.rig import FAST, Rig, running_rig
 
 

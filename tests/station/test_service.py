@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from daemon.client import Client
-from daemon.demo.processes import Process
+from daemon.tools.demo.processes import Process
 from tests.station.rig import EVENTUALLY_S, Rig, running_rig
 
 FAR: dict[str, Any] = {"board_um": [39_000.0, 29_000.0], "theta_deg": 90.0}

@@ -17,7 +17,7 @@ import pytest
 import zmq
 
 from daemon.client import Client, NoAnswer, NotLetIn, Refused, Subscription
-from daemon.demo.processes import Process
+from daemon.tools.demo.processes import Process
 from tests.station.rig import ROOT, Rig
 
 NODE = Path(__file__).parent / "node"

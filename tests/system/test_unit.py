@@ -10,10 +10,10 @@ from collections.abc import Iterator
 import pytest
 import zmq
 
-from daemon.board import Board
 from daemon.client import Client
-from daemon.demo.processes import Bench
-from daemon.demo.session import Session
+from daemon.domain.board import Board
+from daemon.tools.demo.processes import Bench
+from daemon.tools.demo.session import Session
 from tests.system.machine import Machine, booted, why_not
 
 REQUIRED = os.environ.get("REPROBE_TEST_SYSTEMD") == "build"

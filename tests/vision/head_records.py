@@ -7,7 +7,7 @@ import numpy as np
 
 ROOT = Path(__file__).parents[2]
 APPENDIX_D = ROOT.parent / "shared" / "thesis" / "appendix_d.csv"
-RUNOUT = ROOT / "sim_hw" / "data" / "head_runout.csv"
+RUNOUT = ROOT / "sim_hw" / "plant" / "data" / "head_runout.csv"
 # What the residuals were taken against; see the head of that file. The centre is appendix D's.
 CENTRE_UM, RADIUS_UM, PHASE_DEG = (364275.28, 313843.09), 14938.26, -3.054
 

@@ -36,7 +36,7 @@ from vision import (
     measure_quality,
     project,
 )
-from vision.annotate import draw_control_point, draw_untaught
+from vision.annotate.draw import draw_control_point, draw_untaught
 
 SIDE = 800
 CALM = settings(

@@ -11,11 +11,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from daemon.board import Board
-from daemon.cad import import_board
 from daemon.client import Client
-from daemon.demo.processes import Bench, Process
-from daemon.demo.settings import Places, write_settings
+from daemon.domain.board import Board
+from daemon.tools.cad_import import import_board
+from daemon.tools.demo.processes import Bench, Process
+from daemon.tools.demo.settings import Places, write_settings
 from tests.station.rig import DEMO_BOARD, FAST
 from tests.system.machine import build_wheel
 from tests.vm.vm import HOST_ADDRESS, NETWORK, OWN_ADDRESS, Vm, Wires, booted

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 from daemon.client import Client
-from daemon.demo.session import Session
+from daemon.tools.demo.session import Session
 from tests.vm.station import CAMERA, LINE, OTHER_CAMERA, OTHER_LINE, Station, until_open
 
 pytestmark = pytest.mark.timeout(1800)

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Literal, Protocol
 
 from daemon.client import NoAnswer, Refused
-from daemon.demo.processes import StartError
+from daemon.tools.demo.processes import StartError
 from tests.bench.landing.judge import misses
 from tests.bench.landing.station import Interrupted, Operator, SetUpFailed, processor_ms
 from tests.bench.landing.trials import Question, Record, Setup

@@ -14,13 +14,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from daemon.board import Board
 from daemon.client import Client, NoAnswer
-from daemon.demo.processes import StartError
-from daemon.demo.session import BESIDE_BOARD_UM, choose_fiducials, choose_mark, choose_points, point_at_tip
-from daemon.messages import JobResult
-from sim_hw.board import Board as RealBoard
-from sim_hw.board import load_board
+from daemon.domain.board import Board
+from daemon.tools.demo.processes import StartError
+from daemon.tools.demo.session import BESIDE_BOARD_UM, choose_fiducials, choose_mark, choose_points, point_at_tip
+from daemon.wire.requests import JobResult
+from sim_hw.board.board import Board as RealBoard
+from sim_hw.board.board import load_board
 from tests.bench.landing.judge import CORRECTED_UM
 from tests.bench.landing.trials import Question, Step, Trial, Way
 from tests.station.rig import Rig

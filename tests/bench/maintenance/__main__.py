@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import beta
 
-from daemon.maintenance.chart import Chart, ChartSettings
-from daemon.maintenance.points import Point
-from daemon.maintenance.share import Share, ShareSettings
+from daemon.maintenance.proportion_test import Share, ShareSettings
+from daemon.maintenance.types import Point
+from daemon.maintenance.xmr_chart import Chart, ChartSettings
 from tests.bench.maintenance.histories import BASELINE, BATCH, ONSET, delays, healthy
 from tests.bench.maintenance.wrong import PLANTED
 

@@ -4,7 +4,7 @@ import json
 from dataclasses import replace
 
 from daemon.maintenance.alerts import Alert, Alerts, Told
-from daemon.maintenance.points import Finding
+from daemon.maintenance.types import Finding
 
 FOUND = Finding("one point far off", 98.0, 119.0, 114.0, "warning", 4000, "t0", ("98 after 4100 touches (job-1)",))
 

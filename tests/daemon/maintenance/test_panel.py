@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from daemon.config import MaintenanceSection
+from daemon.config.model import MaintenanceSection
 from daemon.maintenance.catalogue import GROUPS, all_specs, chosen, is_known, sector_of
 from daemon.maintenance.panel import Panel, Row
 from tests.bench.maintenance.histories import new_panel

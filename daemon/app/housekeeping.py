@@ -1,0 +1,35 @@
+"""The daemon's own health, once in a while: how late the event loop is, and memory given back after jobs."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Protocol
+
+from daemon.jobs.runner import Jobs
+from daemon.telemetry.metrics import Metrics
+from daemon.telemetry.vitals import give_back_memory
+
+EVERY_S = 0.5
+REST_TURNS, AGAIN_TURNS = 4, 60
+"""Memory is given back when nothing has run for so many turns, for a tester's next job would ask for it again at once;
+and then now and again, for what a job leaves to do (pictures, a page) ends later than the job."""
+
+
+class Tended(Protocol):
+    """Whom this looks after."""
+
+    jobs: Jobs
+    metrics: Metrics
+
+
+async def tend(daemon: Tended) -> None:
+    """Look after the daemon until cancelled."""
+    loop = asyncio.get_running_loop()
+    resting = 0
+    while True:
+        due_s = loop.time() + EVERY_S
+        await asyncio.sleep(EVERY_S)
+        daemon.metrics.lag(max(0.0, loop.time() - due_s))
+        resting = 0 if daemon.jobs.running is not None else resting + 1
+        if resting % AGAIN_TURNS == REST_TURNS:
+            await asyncio.to_thread(give_back_memory)

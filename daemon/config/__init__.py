@@ -1,0 +1,1 @@
+"""The station's configuration: its model, and another one while the daemon runs."""

@@ -1,0 +1,1 @@
+"""States, errors, roles, the board, results: no I/O."""

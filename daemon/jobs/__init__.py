@@ -1,0 +1,1 @@
+"""Jobs of any kind: queue, preconditions, running, ending, what is kept of them."""

@@ -1,0 +1,96 @@
+"""What a running job has at hand, and what it brings home."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Coroutine
+from dataclasses import dataclass, field
+from typing import Any
+
+from daemon.config.model import Config
+from daemon.domain.board import Board
+from daemon.domain.states import Event, State
+from daemon.platform.clock import Stopwatch
+from daemon.station.kinematics import Geometry
+from daemon.station.station import Look, Station
+from daemon.storage.calibration_store import Calibrations
+from daemon.wire.requests import AnyJob
+from drivers.deadline import Deadline
+
+
+@dataclass
+class Outcome:
+    """How a job that did not fail ended, in the words of `JobResult`."""
+
+    outcome: str
+    test_point: str | None = None
+    error_before_um: float | None = None
+    error_after_um: float | None = None
+    detail: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass
+class Bench:
+    """What jobs work with, the same for all of them."""
+
+    config: Config
+    station: Station
+    board: Board
+    calibrations: Calibrations
+    geometry: Geometry
+
+
+class Job:
+    """One job under way: its request, its deadline, its time, and everything it saw."""
+
+    def __init__(
+        self,
+        request: AnyJob,
+        deadline: Deadline,
+        fire: Callable[[Event], State],
+        keep_step: Callable[[str, dict[str, Any]], Coroutine[Any, Any, None]],
+        tell_progress: Callable[[int, int, str], None],
+    ) -> None:
+        self.request = request
+        self.deadline = deadline
+        self.watch = Stopwatch()
+        self._fire = fire
+        self.first_look: Look | None = None
+        self.last_look: Look | None = None
+        self.looks = 0
+        self.moves = 0
+        self.partial = Outcome("failed")
+        """What is known even if the job fails half-way."""
+        self.progress = tell_progress
+        """Called with (done, total, what is being done) by jobs that take long."""
+        self._keep_step = keep_step
+        self._steps: set[asyncio.Task[None]] = set()
+
+    @property
+    def sign(self) -> tuple[int, int, int]:
+        """What changes when the job looks, moves or waits for something."""
+        return self.looks, self.moves, self.watch.bookings
+
+    def fire(self, event: Event) -> None:
+        """Take one transition; from here on time is booked under the new state."""
+        self.watch.enter(self._fire(event).value)
+
+    def saw(self, look: Look) -> None:
+        """Count a look; of its frames only the first and the last stay in memory, for a picture is 6 MB."""
+        self.looks += 1
+        self.first_look = self.first_look or look
+        self.last_look = look
+
+    def note(self, kind: str, body: dict[str, Any]) -> None:
+        """Write a look or a move into the journal without waiting for the disk; `settle` waits."""
+        self._steps.add(asyncio.create_task(self._keep_step(kind, body)))
+
+    async def settle(self) -> None:
+        """Wait until all notes are on disk; the first failing write is raised."""
+        steps, self._steps = self._steps, set()
+        if steps:
+            await asyncio.gather(*steps)
+
+
+Errand = Callable[[Job, Bench], Awaitable[Outcome]]
+"""A job's body. It fires every event but the last `on_target`, and returns how it ended."""

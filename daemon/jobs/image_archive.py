@@ -1,0 +1,103 @@
+"""The pictures of a job, on disk in a ring with a quota: what the daemon saw, and what it made of it."""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import re
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Literal
+
+import cv2
+import structlog
+
+from daemon.jobs.context import Job
+from daemon.station.station import Look as Seen
+from daemon.wire.requests import AnyJob, JobResult, Look
+from drivers.camera.contract import Pixels
+from vision import Tip
+from vision.annotate.draw import draw_control_point, draw_test_points, draw_tip
+
+log = structlog.get_logger(__name__)
+JPEG_QUALITY = 92
+LONGEST_NAME = 64
+
+
+class Pictures:
+    """Keep white, red and the annotated picture of a job's first and last look."""
+
+    def __init__(self, folder: Path, which: Literal["failed", "all", "none"], quota_mb: float) -> None:
+        self._folder = folder
+        self._which = which
+        self._quota_bytes = int(quota_mb * 1e6)
+        self.full: str | None = None
+        """Why pictures are not kept at present; None when they are."""
+
+    def adopt(self, which: Literal["failed", "all", "none"], quota_mb: float) -> None:
+        """Take over other settings; a smaller quota is kept to from the next pictures on."""
+        self._which, self._quota_bytes = which, int(quota_mb * 1e6)
+
+    def folder_for(self, request: AnyJob, *, failed: bool) -> Path | None:
+        """Return where this job's pictures go, or None if they are not wanted."""
+        asked = isinstance(request, Look) and request.pictures
+        if asked or self._which == "all" or (self._which == "failed" and failed):
+            return self._folder / _folder_name(request.id)
+        return None
+
+    async def keep(self, folder: Path, job: Job, result: JobResult) -> None:
+        """Write the pictures, then drop the oldest folders beyond the quota; a full disk only stops the keeping."""
+        looks = {"before": job.first_look, "after": job.last_look if job.looks > 1 else None}
+        wanted = {name: look for name, look in looks.items() if look is not None}
+        try:
+            await asyncio.to_thread(self._write, folder, wanted, result.model_dump_json(indent=1))
+            self.full = None
+        except OSError as exc:
+            self.full = f"{exc.strerror}: {folder}"
+            log.error("pictures_not_kept", folder=str(folder), error=str(exc))
+
+    def _write(self, folder: Path, looks: dict[str, Seen], numbers: str) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, look in looks.items():
+            for kind, pixels in _sheets(look):
+                ok, data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+                if ok:
+                    (folder / f"{name}-{kind}.jpg").write_bytes(data.tobytes())
+        (folder / "result.json").write_text(numbers)
+        self._trim(keep=folder)
+
+    def _trim(self, keep: Path) -> None:
+        """Drop the oldest folders until the quota holds; the newest always stays."""
+        folders = sorted((f for f in self._folder.iterdir() if f.is_dir()), key=lambda f: f.stat().st_mtime)
+        sizes = {f: sum(p.stat().st_size for p in f.iterdir()) for f in folders}
+        total = sum(sizes.values())
+        for folder in folders:
+            if total <= self._quota_bytes or folder == keep:
+                break
+            shutil.rmtree(folder)
+            total -= sizes[folder]
+
+
+def _sheets(look: Seen) -> Iterator[tuple[str, Pixels]]:
+    """Yield what a look leaves: the frames as they were, and what was made of them."""
+    yield "white", look.white.pixels
+    if look.red is not None:
+        yield "red", look.red.pixels
+    if look.tip is not None:
+        yield "tip", draw_tip(look.white.pixels, look.tip, near_px=look.expected_tip_px)
+    if isinstance(look.tip, Tip) and look.cross is not None:
+        yield "cross", draw_control_point(look.white.pixels, look.cross, (look.tip.x_px, look.tip.y_px))
+    if isinstance(look.tip, Tip) and look.red is not None and look.seen is not None:
+        at = look.tip.x_px, look.tip.y_px
+        yield "pads", draw_test_points(look.red.pixels, look.seen, at, needle=look.tip)
+
+
+def _folder_name(job_id: str) -> str:
+    """Return a name that is safe for any file system, and still one id's own, whoever chose the id and why.
+
+    ASCII letters, digits, dot, dash and underscore stay, up to 64; an id that is more than that gets a digest behind a
+    tilde, which no id that stays as it is can have.
+    """
+    safe = re.sub(r"[^A-Za-z0-9._-]", "_", job_id)[:LONGEST_NAME].lstrip(".")
+    return safe if safe == job_id else f"{safe}~{hashlib.sha256(job_id.encode()).hexdigest()[:16]}"

@@ -1,0 +1,25 @@
+"""Where the daemon tells maintenance what happened. Nothing here may wait, raise, or cost a job time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from daemon.jobs.context import Job
+from daemon.wire.requests import JobResult
+
+
+class Hooks:
+    """What is called; by itself it does nothing, for whoever has no maintenance."""
+
+    def noted(self, job_id: str, kind: str, body: Mapping[str, Any]) -> None:
+        """Hear that a job looked or moved."""
+
+    def ended(self, job: Job, result: JobResult) -> None:
+        """Hear that a job was answered; its last look may still be measured."""
+
+    def reported(self, touches: int) -> None:
+        """Hear of touches from the tester."""
+
+    def flagged(self, name: str, message: str | None) -> None:
+        """Hear that something of the daemon's own is wrong; with None, that it no longer is."""

@@ -1,0 +1,34 @@
+"""What speaks against a job before it is queued: pure checks that raise the `Fault` it is refused with."""
+
+from __future__ import annotations
+
+from daemon.domain.board import Board
+from daemon.domain.errors import Fault, Kind
+from daemon.wire.requests import AnyJob, ErrorBody
+
+
+def refuse_in_fault(request: AnyJob, latched: Fault | None) -> None:
+    """Refuse work in a latched fault, and name its first cause; homing is what cures `not_homed`."""
+    if latched is None or (request.op == "home" and latched.kind is Kind.NOT_HOMED):
+        return
+    raise Fault(
+        Kind.IN_FAULT,
+        f"the daemon is in fault: {latched.message}",
+        advice=latched.advice,
+        first_cause=ErrorBody.of(latched).model_dump(),
+    )
+
+
+def refuse_unknown_point(request: AnyJob, board: Board) -> None:
+    """Refuse a test point or fiducial that the board has not; what is to be corrected must be a target of the probe."""
+    name = getattr(request, "test_point", None)
+    if name is not None:
+        (board.point if request.op == "correct" else board.find)(name)
+    for fiducial in getattr(request, "fiducials", None) or ():
+        board.find(fiducial)
+
+
+def refuse_other_request(job_id: str, asked: str, known: str) -> None:
+    """Refuse an id that stood for another request; both in their canonical form."""
+    if asked != known:
+        raise Fault(Kind.ID_REUSED, f"id {job_id!r} was used for a different request", id=job_id)

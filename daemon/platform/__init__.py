@@ -1,0 +1,1 @@
+"""The computer below: files, processes, logs, clock, memory, the service manager."""

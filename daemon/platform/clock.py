@@ -1,0 +1,76 @@
+"""Deadlines of requests and where a job's time went."""
+
+from __future__ import annotations
+
+import time
+from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+
+from daemon.domain.errors import Fault, Kind
+from daemon.wire.requests import ABSOLUTE_DEADLINE_FROM_MS
+
+WAITS = ("motion", "bus", "light", "exposure")
+"""What a job waits for and cannot hurry; the rest of its time is software."""
+
+
+def utc_now() -> str:
+    """Return the present moment as ISO 8601 in UTC."""
+    return datetime.now(UTC).isoformat(timespec="milliseconds")
+
+
+def due_at_s(deadline_ms: float | None, default_s: float) -> float:
+    """Turn a request's deadline into a monotonic time; raise `Fault` if it has passed already."""
+    now_s = time.monotonic()
+    if deadline_ms is None:
+        return now_s + default_s
+    left_ms = deadline_ms - time.time() * 1e3 if deadline_ms >= ABSOLUTE_DEADLINE_FROM_MS else deadline_ms
+    if left_ms <= 0:
+        raise Fault(Kind.STALE_DEADLINE, f"the deadline passed {-left_ms:.0f} ms ago", late_ms=round(-left_ms, 1))
+    return now_s + left_ms / 1e3
+
+
+class Stopwatch:
+    """Book a job's time by state and by what it was spent on.
+
+    `spend` marks a wait; whatever of a state's time is not a wait is booked as `software`.
+    """
+
+    def __init__(self) -> None:
+        self._state = "triggered"
+        self._since_s = time.monotonic()
+        self._total_s: defaultdict[str, float] = defaultdict(float)
+        self._waits_s: defaultdict[str, defaultdict[str, float]] = defaultdict(lambda: defaultdict(float))
+        self.bookings = 0
+        """Grows with everything that is booked: a sign of life."""
+
+    def enter(self, state: str) -> None:
+        """Begin to book under another state."""
+        now_s = time.monotonic()
+        self._total_s[self._state] += now_s - self._since_s
+        self._state, self._since_s = state, now_s
+
+    @contextmanager
+    def spend(self, what: str) -> Iterator[None]:
+        """Book the time inside as a wait for `what`, one of `WAITS`."""
+        start_s = time.monotonic()
+        try:
+            yield
+        finally:
+            self.book(what, time.monotonic() - start_s)
+
+    def book(self, what: str, seconds: float) -> None:
+        """Book seconds that were waited for `what` in the present state."""
+        self._waits_s[self._state][what] += max(0.0, seconds)
+        self.bookings += 1
+
+    def timing_ms(self) -> dict[str, dict[str, float]]:
+        """Return state -> {what: ms}, software and total included."""
+        self.enter(self._state)
+        table: dict[str, dict[str, float]] = {}
+        for state, total_s in self._total_s.items():
+            waits = {what: round(s * 1e3, 2) for what, s in self._waits_s[state].items()}
+            software = max(0.0, total_s * 1e3 - sum(waits.values()))
+            table[state] = {**waits, "software": round(software, 2), "total": round(total_s * 1e3, 2)}
+        return table

@@ -1,0 +1,29 @@
+"""Draw a page in a process of its own: what it needs of memory does not stay with who wants it."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from collections.abc import Sequence
+
+from daemon.tools.report.command import NOT_WRITTEN, SAYS
+
+
+async def draw(module: str, arguments: Sequence[str], within_s: float, nicer: int = 0) -> tuple[int, str]:
+    """Run a module of this package; return its exit status and what it said, both 0 and empty if all went well.
+
+    `nicer`: how much less of the processor it gets. The process never outlives this call, however the call ends.
+    """
+    process = await asyncio.create_subprocess_exec(
+        "nice", "-n", str(nicer), sys.executable, "-m", module, *arguments,
+        stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE,
+    )  # fmt: skip
+    try:
+        _, words = await asyncio.wait_for(process.communicate(), within_s)
+    except TimeoutError:
+        return NOT_WRITTEN, "drawing the page took too long"
+    finally:
+        if process.returncode is None:
+            process.kill()
+            await process.wait()
+    return int(process.returncode or 0), words.decode(errors="replace").strip().removeprefix(SAYS)

@@ -1,0 +1,1 @@
+"""What one job does, step by step."""

@@ -1,0 +1,172 @@
+"""Where the board lies: look at its fiducials and fit CAD to what was seen (three points align the board)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from daemon.domain.board import BoardPoint
+from daemon.domain.errors import Fault, Kind
+from daemon.domain.states import Event
+from daemon.jobs.context import Bench, Job, Outcome
+from daemon.procedures.aiming import UNCLEAR, Aim, look_and_aim
+from daemon.procedures.calibrate.commit import Began, keep
+from daemon.procedures.correct import sidestep_um
+from daemon.procedures.move_sequence import Tour, shifted
+from daemon.storage.calibration_records import Aligned, AlignmentRecord
+from daemon.wire.requests import Align
+from drivers.gantry import Position
+from vision.geometry.board_alignment import Alignment
+from vision.geometry.board_alignment import align as fit_board
+from vision.geometry.frames import Array
+from vision.geometry.pose_map import PoseMap
+
+LEAST = 3
+MAX_RESIDUAL_UM = 60.0
+"""Of one fiducial: what two head angles may differ by, and five sigma of the stops."""
+MAX_SCALE_ERROR = 0.002
+"""A board is etched to better than this; more says that the wrong things were seen."""
+MAX_TURN_DEG = 3.0
+SCATTER_UM = 6.0
+"""Of a fiducial's coordinate, one sigma; what three fiducials' residuals say of it is next to nothing."""
+
+
+async def align(job: Job, bench: Bench) -> Outcome:
+    """Look at the fiducials from the head angles asked for and keep the board's pose; else the old one stays."""
+    request = job.request
+    if not isinstance(request, Align):
+        raise TypeError(request)
+    points = _fiducials(request, bench)
+    bench.calibrations.require_probe()
+    pose_map = bench.calibrations.require_map(bench.config.servo.calibration_days, bench.config.gantry.work_z_um)
+    await bench.station.require_homed(job.watch, job.deadline)
+    r = bench.config.servo.max_placement_um
+    stops = [(p, _nominal(bench, p, theta)) for theta in request.thetas_deg for p in points]
+    for _, place in stops:
+        bench.station.check(shifted(place, -r, -r))
+        bench.station.check(shifted(place, r, r))
+    job.fire(Event.ACCEPTED)
+    tour, began = Tour(job, bench), Began.now(job)
+    views: dict[str, list[Array]] = {p.name: [] for p in points}
+    for n, (point, place) in enumerate(stops):
+        job.progress(n, len(stops), f"looking at {point.name}")
+        views[point.name].append(await _place_um(tour, point, place, pose_map))
+    fitted = _fit(points, views, bench)
+    record = _record(fitted, points, views, bench, began.facts(job, bench))
+    kept = await keep(bench, record)
+    return Outcome("aligned", detail=_told(record, bench) | kept)
+
+
+def _fiducials(request: Align, bench: Bench) -> list[BoardPoint]:
+    """Return the targets to look at: those named, else the board's own fiducials."""
+    if request.fiducials is not None:
+        twice = {name for name in request.fiducials if request.fiducials.count(name) > 1}
+        if twice:
+            raise Fault(Kind.INVALID_REQUEST, f"{', '.join(sorted(twice))} is named twice")
+        return [bench.board.find(name) for name in request.fiducials]
+    found = [p for p in bench.board.points if p.kind == "fiducial"]
+    if len(found) < LEAST:
+        raise Fault(
+            Kind.INVALID_REQUEST,
+            f"board {bench.board.name} has {len(found)} fiducials on its {bench.board.side}; {LEAST} are needed",
+            advice="name three or more round targets far apart that stand alone",
+        )
+    return found
+
+
+def _nominal(bench: Bench, point: BoardPoint, theta_deg: float) -> Position:
+    """Return where to look for a fiducial: where the configuration has it, for the board may be another one."""
+    return bench.geometry.position_at(bench.geometry.nominal_um(point.place_um), theta_deg)
+
+
+async def _place_um(tour: Tour, point: BoardPoint, place: Position, pose_map: PoseMap) -> Array:
+    """Look at one fiducial and return where it is in the robot frame."""
+    try:
+        aim = await _aim(tour, point, place, pose_map)
+    except Fault as unclear:
+        raise Fault(
+            unclear.kind,
+            f"{point.name} was not seen at {place.theta_deg:.0f} deg: {unclear.message}",
+            advice="see that this board lies in its nest, this side up; name other round targets if that one is dirty",
+            **{k: v for k, v in unclear.detail.items() if k != "advice"},
+        ) from unclear
+    here = aim.look.position
+    way = aim.correction.dx_um, aim.correction.dy_um
+    seen: Array = tour.bench.geometry.tip_um(here) + way
+    return seen
+
+
+async def _aim(tour: Tour, point: BoardPoint, place: Position, pose_map: PoseMap) -> Aim:
+    """Look; if the needle stands in the way, look once more from beside."""
+    position = await tour.go(place)
+    try:
+        return await look_and_aim(tour.job, tour.bench, position, point, pose_map)
+    except Fault as unclear:
+        if unclear.kind not in UNCLEAR:
+            raise
+    dx, dy = sidestep_um(tour.bench, point, pose_map, place.theta_deg)
+    longest = tour.bench.config.servo.max_placement_um / max(1.0, math.hypot(dx, dy))
+    share = min(1.0, longest)
+    position = await tour.go(shifted(place, dx * share, dy * share))
+    return await look_and_aim(tour.job, tour.bench, position, point, pose_map)
+
+
+def _fit(points: list[BoardPoint], views: dict[str, list[Array]], bench: Bench) -> Alignment:
+    """Fit the board's pose to the mean of each fiducial's views, or say what speaks against it."""
+    try:
+        return fit_board(
+            np.array([p.place_um for p in points]),
+            np.array([np.mean(views[p.name], axis=0) for p in points]),
+            names=[p.name for p in points],
+            max_residual_um=MAX_RESIDUAL_UM,
+            max_scale_error=MAX_SCALE_ERROR,
+            nominal=bench.config.board.pose(),
+            max_shift_um=bench.config.servo.max_placement_um,
+            max_turn_deg=MAX_TURN_DEG,
+            least_scatter_um=SCATTER_UM,
+        )
+    except ValueError as exc:
+        raise Fault(Kind.CALIBRATION_FAILED, f"the board cannot be aligned: {exc}") from exc
+
+
+def _record(
+    fitted: Alignment, points: list[BoardPoint], views: dict[str, list[Array]], bench: Bench, facts: dict[str, object]
+) -> AlignmentRecord:
+    pose = fitted.pose
+    seen = [np.mean(views[p.name], axis=0) for p in points]
+    return AlignmentRecord(
+        **facts,  # type: ignore[arg-type]  # checked by the model
+        board=bench.board.name,
+        side=bench.board.side,
+        theta_deg=pose.theta_deg,
+        scale=pose.scale,
+        tx_um=pose.tx,
+        ty_um=pose.ty,
+        rms_um=fitted.rms_um,
+        fiducials=tuple(
+            Aligned(
+                name=p.name,
+                board_um=p.place_um,
+                robot_um=(float(at[0]), float(at[1])),
+                residual_um=(float(r[0]), float(r[1])),
+                views=len(views[p.name]),
+            )
+            for p, at, r in zip(points, seen, fitted.residuals_um, strict=True)
+        ),
+    )
+
+
+def _told(record: AlignmentRecord, bench: Bench) -> dict[str, object]:
+    """Return the figures for the answer: how the board lies beside where the configuration has it."""
+    middle = np.array((bench.board.width_um / 2, bench.board.height_um / 2))
+    shift = bench.geometry.board_to_robot_um(middle) - bench.geometry.nominal_um(middle)
+    return {
+        "board": record.board,
+        "side": record.side,
+        "fiducials": len(record.fiducials),
+        "shift_um": [round(float(v), 1) for v in shift],
+        "turn_deg": round(record.theta_deg - bench.config.board.rotation_deg, 4),
+        "scale_ppm": round((record.scale - 1.0) * 1e6),
+        "rms_um": round(record.rms_um, 1),
+    }

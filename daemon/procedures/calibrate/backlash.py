@@ -1,0 +1,93 @@
+"""The play of X and Y: come to one place from below and from above, and see where the tip ends up."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+
+from daemon.domain.errors import Fault, Kind
+from daemon.domain.states import Event
+from daemon.jobs.context import Bench, Job, Outcome
+from daemon.procedures.calibrate.commit import Began, keep
+from daemon.procedures.calibrate.targets import Mark, Sight
+from daemon.procedures.move_sequence import BELOW, Tour, shifted
+from daemon.storage.calibration_records import AxisBacklash, BacklashRecord
+from drivers.gantry import Position
+from vision.geometry.pose_map import PoseMap
+
+REPEATS = 8
+"""Of each side; with stops that scatter by 6 um an axis, the play is then known to 3 um."""
+AWAY_UM = 400.0
+REACH_PX = 120.0
+Axis = Literal["x", "y"]
+
+
+async def measure_backlash(job: Job, bench: Bench, mark: Mark, theta_deg: float) -> Outcome:
+    """Measure the play of X and Y on a resting mark and keep it, with the verdict on the one-sided approach."""
+    bench.calibrations.require_probe()
+    pose_map = bench.calibrations.require_map(bench.config.servo.calibration_days, bench.config.gantry.work_z_um)
+    await bench.station.require_homed(job.watch, job.deadline)
+    over = bench.geometry.position_at(mark.place_um, theta_deg)
+    r = bench.config.servo.max_placement_um + AWAY_UM
+    for dx, dy in ((-r, -r), (r, r)):
+        bench.station.check(shifted(over, dx, dy))
+    job.fire(Event.ACCEPTED)
+    began = Began.now(job)
+    work = _Play(Tour(job, bench), mark, pose_map, over)
+    x = await work.axis("x", 0)
+    y = await work.axis("y", REPEATS)
+    record = BacklashRecord(
+        **began.facts(job, bench), x=x, y=y, approach_um=bench.config.gantry.approach_um
+    )  # fmt: skip
+    kept = await keep(bench, record)
+    return Outcome("calibrated", detail=_told(record) | kept)
+
+
+class _Play:
+    """Visits from both sides."""
+
+    def __init__(self, tour: Tour, mark: Mark, pose_map: PoseMap, over: Position) -> None:
+        self._tour, self._mark, self._map, self._over = tour, mark, pose_map, over
+
+    async def axis(self, axis: Axis, done: int) -> AxisBacklash:
+        """Visit the place from both sides in turn; drift between the two then counts for neither."""
+        below, above = [], []
+        for n in range(REPEATS):
+            self._tour.job.progress(done + n, 2 * REPEATS, f"play of {axis.upper()}")
+            below.append(await self._tip_um(axis, -AWAY_UM, BELOW))
+            above.append(await self._tip_um(axis, AWAY_UM, frozenset({axis})))
+        play_um = float(np.mean(above) - np.mean(below))
+        sigma_um = math.sqrt((np.var(above, ddof=1) + np.var(below, ddof=1)) / REPEATS)
+        return AxisBacklash(
+            from_below_um=tuple(below), from_above_um=tuple(above), backlash_um=play_um, sigma_um=float(sigma_um)
+        )  # fmt: skip
+
+    async def _tip_um(self, axis: Axis, from_um: float, from_above: frozenset[str]) -> float:
+        """Come from one side; return where the tip then is along the axis, from the mark."""
+        tour, probe = self._tour, self._tour.bench.calibrations.require_probe()
+        await tour.go(shifted(self._over, **{f"d{axis}_um": from_um}), from_above=from_above)
+        position = await tour.go(self._over, from_above=from_above)
+        sight = await self._mark.see(tour.job, tour.bench, position, self._map.below_tip_px, REACH_PX)
+        if not isinstance(sight, Sight):
+            raise Fault(
+                Kind.CALIBRATION_FAILED,
+                f"{self._mark.name} was not seen: {sight.why}",
+                advice="choose a mark that stands alone, or see that the printed cross is uncovered",
+            )
+        way = self._map.correction(sight.target_px, probe.tip_px, position.theta_deg, sight.sigma_px)
+        return -(way.dx_um if axis == "x" else way.dy_um)
+
+
+def _told(record: BacklashRecord) -> dict[str, object]:
+    """Return the figures for the answer, and whether the one-sided approach takes the play up."""
+    worst_um = max(abs(a.backlash_um) + 3 * a.sigma_um for a in (record.x, record.y))
+    return {
+        "what": "backlash",
+        "x_um": round(record.x.backlash_um, 1),
+        "y_um": round(record.y.backlash_um, 1),
+        "sigma_um": [round(record.x.sigma_um, 1), round(record.y.sigma_um, 1)],
+        "approach_um": record.approach_um,
+        "approach_enough": worst_um < record.approach_um,
+    }

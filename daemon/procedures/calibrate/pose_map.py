@@ -1,0 +1,62 @@
+"""The map from image to robot: walk it, refuse what a needle must not be trusted to, keep what is good."""
+
+from __future__ import annotations
+
+import json
+
+from daemon.domain.errors import Fault, Kind
+from daemon.jobs.context import Bench, Job
+from daemon.procedures.calibrate.commit import Began, keep
+from daemon.procedures.calibrate.map_walk import Walk
+from daemon.procedures.calibrate.targets import Mark
+from daemon.storage.calibration_records import MapRecord, Seen
+from vision.geometry.pose_map import PoseMap, Sighting, worst_shrink
+
+MAX_RESIDUAL_UM = 15.0
+"""Beyond this the map is refused: repeatability and vision together leave about 8 um."""
+MAX_LEFT = 0.5
+"""A map that leaves this share of an error, or more, is refused."""
+
+
+async def walk_and_keep(job: Job, bench: Bench, walk: Walk, mark: Mark) -> dict[str, object]:
+    """Walk, refuse a bad map, keep a good one; return what to answer."""
+    began = Began.now(job)
+    try:
+        pose_map = await walk.run()
+        refuse_bad_map(pose_map, walk)
+    except ValueError as exc:
+        raise Fault(Kind.CALIBRATION_FAILED, f"the map cannot be fitted: {exc}") from exc
+    record = MapRecord(
+        **began.facts(job, bench), mark=mark.name, theta_deg=walk.over.theta_deg, tip_px=walk.tip_px,
+        sightings=tuple(_seen(s) for s in walk.sightings), pose_map=json.loads(pose_map.to_json()),
+    )  # fmt: skip
+    kept = await keep(bench, record)
+    return {
+        "what": "map",
+        "sightings": len(walk.sightings),
+        "residual_um": round(pose_map.residual_um, 2),
+        "radius_um": round(pose_map.radius_um, 1),
+        "below_tip_px": [round(v, 2) for v in pose_map.below_tip_px],
+        "um_per_px": round(1 / pose_map.scale_px_per_um(walk.tip_px), 3),
+        **kept,
+    }
+
+
+def refuse_bad_map(pose_map: PoseMap, walk: Walk) -> None:
+    """Raise ValueError for a map that a needle must not be trusted to."""
+    if pose_map.mirrored:
+        raise ValueError("the picture is mirrored; switch the camera's flip off, teach the tip and calibrate again")
+    if pose_map.residual_um > MAX_RESIDUAL_UM:
+        raise ValueError(f"the residual is {pose_map.residual_um:.0f} um, more than {MAX_RESIDUAL_UM:.0f} um")
+    left = worst_shrink(
+        walk.sightings, tip_px=walk.tip_px, below_tip_px=pose_map.below_tip_px, work_z_um=pose_map.work_z_um,
+        hover_um=pose_map.hover_um,
+    )  # fmt: skip
+    if not left < MAX_LEFT:
+        raise ValueError(f"a correction by it would leave {left:.0%} of an error; look for what moved meanwhile")
+
+
+def _seen(sighting: Sighting) -> Seen:
+    """Return a sighting as the record keeps it."""
+    s = sighting
+    return Seen(theta_deg=s.theta_deg, target_px=s.target_px, x_um=s.x_um, y_um=s.y_um)

@@ -1,0 +1,215 @@
+"""One run over the head angles: go, look, correct, write down; and go on where an interrupted run ended.
+
+What was measured is kept on disk after every angle. A run is continued only if its last stop is still where it was,
+and is closed by visiting its first angle again: nothing may have moved meanwhile.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from daemon.domain.errors import Fault, Kind
+from daemon.procedures.calibrate.targets import Mark, Sight
+from daemon.procedures.move_sequence import Tour, shifted
+from daemon.procedures.surface_touch import card_height_um
+from daemon.storage.calibration_records import Landing, Seen, Stop
+from daemon.storage.calibration_resume import Partial
+from drivers.gantry import Position
+from vision.geometry.frames import Array
+from vision.geometry.pose_map import PoseMap
+from vision.head.model import Head
+
+NEAR_UM = 60.0
+"""From this near one look measures the rest; from farther away the tip is walked nearer first."""
+MAX_LOOKS = 3
+ASIDE_UM = ((0.0, 0.0), (250.0, 0.0), (-250.0, 0.0), (0.0, 250.0), (0.0, -250.0))
+"""Where else to stand when the needle hides the mark."""
+REACH_PX = 80.0
+MAX_CLOSURE_UM = 40.0
+"""Two stops at one place differ by less than this: five sigma of a station that repeats to 8 um."""
+MAX_MISSED_SHARE = 0.15
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a run has brought so far."""
+
+    card_height_um: float = 0.0
+    stops: tuple[Stop, ...] = ()
+    sightings: tuple[Seen, ...] = ()
+
+
+class RotationRun:
+    """The visits of one run. `spare_steps`: what its owner will still do after `measure`, for the bar."""
+
+    def __init__(self, tour: Tour, mark: Mark, pose_map: PoseMap, angles: list[float], *, spare_steps: int) -> None:
+        self.mark, self.measured, self.closure_um = mark, Measured(), math.nan
+        self._tour, self._map, self._angles = tour, pose_map, angles
+        self._job, self._bench = tour.job, tour.bench
+        self._steps = len(angles) + spare_steps + 1
+        self._head: Head = tour.bench.geometry.head
+        self._control_um: Array = np.asarray(mark.place_um, dtype=float)
+        """Where the mark seems to be by the head known so far; it follows the run-out from stop to stop."""
+        self._missed: list[float] = []
+
+    # --- the run ------------------------------------------------------------------------------------------------
+
+    async def measure(self, *, resume: bool) -> bool:
+        """Visit all angles and the first one again; return whether an interrupted run was continued."""
+        resumed = resume and await self._resume()
+        if not resumed:
+            await self._begin()
+        done = {s.theta_deg for s in self.measured.stops}
+        for n, angle in enumerate(self._angles):
+            if angle not in done:
+                self._job.progress(n, self._steps, f"head angle {angle:.1f} deg")
+                await self._visit(angle)
+        await self._close()
+        return resumed
+
+    async def land(self, head: Head, control_um: ArrayLike, angles: list[float]) -> list[Landing]:
+        """Jump to the mark by another head model, once an angle, and return where the tip came to be from it."""
+        self._head, self._control_um = head, np.asarray(control_um, dtype=float)
+        landings = []
+        for n, angle in enumerate(angles):
+            self._job.progress(self._steps - len(angles) + n, self._steps, f"landing at {angle:.1f} deg")
+            sight = await self._look_from(self._over(angle), REACH_PX)
+            if isinstance(sight, Sight):
+                dx_um, dy_um = self._off(sight)
+                landings.append(Landing(theta_deg=angle, dx_um=-dx_um, dy_um=-dy_um))
+        return landings
+
+    async def _begin(self) -> None:
+        """Find the mark at the first angle, wherever it lies within reach, and measure how high its surface is."""
+        self.measured, self._control_um = Measured(), np.asarray(self.mark.place_um, dtype=float)
+        servo, camera = self._bench.config.servo, self._bench.config.camera
+        first = await self._stop_at(self._angles[0], 2 * servo.max_placement_um / camera.pitch_um)
+        if isinstance(first, str):
+            raise _lost(f"the {self.mark.name} was not seen at {self._angles[0]:.1f} deg: {first}")
+        height_um = await card_height_um(self._tour, self._map, self._over(self._angles[0]))
+        self.measured = replace(self.measured, card_height_um=height_um)
+
+    async def _visit(self, angle: float) -> None:
+        """Measure one angle and keep it; an angle may be missed, many may not."""
+        found = await self._stop_at(angle, REACH_PX)
+        if isinstance(found, str):
+            self._missed.append(angle)
+            if len(self._missed) > max(1.0, MAX_MISSED_SHARE * len(self._angles)):
+                where = ", ".join(f"{a:.1f}" for a in self._missed)
+                raise _lost(f"the {self.mark.name} was not seen at {where} deg: {found}")
+            return
+        stop, seen = found
+        so_far = self.measured
+        self.measured = replace(so_far, stops=(*so_far.stops, stop), sightings=(*so_far.sightings, seen))
+        await asyncio.to_thread(self._partial().write, self._bench.calibrations.folder)
+
+    async def _close(self) -> None:
+        """Visit the first angle again."""
+        first = self.measured.stops[0]
+        self._job.progress(len(self._angles), self._steps, f"again {first.theta_deg:.1f} deg")
+        away = await self._moved_um(first)
+        if isinstance(away, str):
+            raise _lost(f"the {self.mark.name} was lost at the end: {away}")
+        self.closure_um = away
+        if away > MAX_CLOSURE_UM:
+            raise Fault(
+                Kind.CALIBRATION_FAILED,
+                f"at {first.theta_deg:.1f} deg the {self.mark.name} is {away:.0f} um from where it was at the start",
+                advice="it moved or an axis slipped: fix the print, `home`, and calibrate again",
+                closure_um=round(away, 1),
+            )
+
+    # --- one angle ----------------------------------------------------------------------------------------------
+
+    async def _stop_at(self, angle: float, reach_px: float) -> tuple[Stop, Seen] | str:
+        """Bring the tip onto the mark at one head angle; return what was measured, or why it was not seen."""
+        target, first_off_um, looks = self._over(angle), math.nan, 0
+        while True:
+            sight = await self._look_from(target, reach_px)
+            looks += 1
+            if isinstance(sight, str):
+                return sight
+            dx_um, dy_um = self._off(sight)
+            off_um = math.hypot(dx_um, dy_um)
+            first_off_um = off_um if math.isnan(first_off_um) else first_off_um
+            at = sight.position
+            target = Position(at.x_um + dx_um, at.y_um + dy_um, target.z_um, target.theta_deg)
+            if off_um <= NEAR_UM or looks == MAX_LOOKS:
+                break
+        self._control_um = np.add((target.x_um, target.y_um), self._head.tip_offset_um(angle))
+        stop = Stop(theta_deg=angle, x_um=target.x_um, y_um=target.y_um, off_um=round(first_off_um, 2), looks=looks)
+        return stop, Seen(theta_deg=angle, target_px=sight.target_px, x_um=at.x_um, y_um=at.y_um)
+
+    async def _look_from(self, target: Position, reach_px: float) -> Sight | str:
+        """Go there and look; if the needle hides the mark, look from beside; return why if it is seen from nowhere."""
+        why = ""
+        offset = self._map.below_px(self.measured.card_height_um)
+        for dx_um, dy_um in ASIDE_UM:
+            position = await self._tour.go(shifted(target, dx_um, dy_um))
+            seen = await self.mark.see(self._job, self._bench, position, offset, reach_px)
+            if isinstance(seen, Sight):
+                return seen
+            why = why or seen.why
+        return why
+
+    def _off(self, sight: Sight) -> tuple[float, float]:
+        """Return the way from the tip to the mark, robot frame, um."""
+        tip_px = self._bench.calibrations.require_probe().tip_px
+        way = self._map.correction(
+            sight.target_px, tip_px, sight.position.theta_deg, sight.sigma_px, height_um=self.measured.card_height_um
+        )
+        return way.dx_um, way.dy_um
+
+    def _over(self, angle: float) -> Position:
+        """Return where the head should stand for the tip to be on the mark, by all that is known so far."""
+        x_um, y_um = self._control_um - self._head.tip_offset_um(angle)
+        return Position(float(x_um), float(y_um), self._bench.config.gantry.work_z_um, angle)
+
+    async def _moved_um(self, stop: Stop) -> float | str:
+        """Measure a stop again; return how far it is from where it was, or why it was not seen."""
+        place = Position(stop.x_um, stop.y_um, self._bench.config.gantry.work_z_um, stop.theta_deg)
+        sight = await self._look_from(place, REACH_PX)
+        if isinstance(sight, str):
+            return sight
+        dx_um, dy_um = self._off(sight)
+        return math.dist((sight.position.x_um + dx_um, sight.position.y_um + dy_um), (stop.x_um, stop.y_um))
+
+    # --- going on with an interrupted run -----------------------------------------------------------------------
+
+    def _partial(self) -> Partial:
+        """Return what to keep of this run."""
+        bench = self._bench
+        return Partial(
+            station=bench.config.station.name,
+            probe=bench.calibrations.fingerprint,
+            map_made_at=str(bench.calibrations.mapped_at),
+            control_um=self.mark.place_um,
+            angles=tuple(self._angles),
+            card_height_um=self.measured.card_height_um,
+            stops=self.measured.stops,
+            sightings=self.measured.sightings,
+        )
+
+    async def _resume(self) -> bool:
+        """Take over what an interrupted run of the same kind left, if its last stop is still where it was."""
+        partial = await asyncio.to_thread(Partial.read, self._bench.calibrations.folder)
+        if partial is None or not partial.stops or not partial.same_run(self._partial()):
+            return False
+        left = Measured(partial.card_height_um, partial.stops, partial.sightings)
+        self.measured = left
+        last = left.stops[-1]
+        away = await self._moved_um(last)
+        if isinstance(away, str) or away > MAX_CLOSURE_UM:
+            return False
+        self._control_um = np.add((last.x_um, last.y_um), self._head.tip_offset_um(last.theta_deg))
+        return True
+
+
+def _lost(fact: str) -> Fault:
+    advice = "see that the printed cross lies flat, clean and uncovered at its place, then calibrate again"
+    return Fault(Kind.CALIBRATION_FAILED, fact, advice=advice)

@@ -1,0 +1,163 @@
+"""What calibrations look at: a resting thing with a sharp centre, be it a round target or the printed cross."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from daemon.config.model import Config
+from daemon.domain.board import BoardPoint
+from daemon.domain.errors import Fault, Kind
+from daemon.jobs.context import Bench, Job
+from daemon.procedures.aiming import describe, refuse_unusable
+from daemon.station.kinematics import Geometry
+from daemon.station.station import CrossSearch, Look, Search
+from drivers.gantry import Position
+from vision import ControlPoint, NotFound, Reason, TestPoint, Tip
+
+MIN_VISIBLE = 0.9
+"""Of a round target's contour; what the needle hides makes its centre worth less than a calibration needs."""
+MAX_CROSS_SIGMA_PX = 0.3
+CROSS = "control point"
+
+
+@dataclass(frozen=True)
+class Sight:
+    """The mark and the tip in one picture. `target_px` is the mark as if the tip stood at the taught place.
+
+    From stop to stop camera and needle flex together; what counts is where the mark is from the tip.
+    """
+
+    tip: Tip
+    target_px: tuple[float, float]
+    sigma_px: float
+    position: Position
+
+
+@dataclass(frozen=True)
+class Unseen:
+    """Why the mark, or the tip, is not in the picture. Falsy."""
+
+    why: str
+
+    def __bool__(self) -> bool:
+        """Say that nothing was seen."""
+        return False
+
+
+class Mark(Protocol):
+    """One resting thing to look at."""
+
+    @property
+    def name(self) -> str:
+        """Its name, for people and records."""
+
+    @property
+    def place_um(self) -> tuple[float, float]:
+        """Where it is supposed to be, robot frame."""
+
+    @property
+    def size_um(self) -> float:
+        """Its width: as far to the side it is clear of the needle's taper."""
+
+    async def see(
+        self, job: Job, bench: Bench, position: Position, offset_px: tuple[float, float], reach_px: float
+    ) -> Sight | Unseen:
+        """Look once from `position`, for the mark within `reach_px` of the place `offset_px` from the tip."""
+
+
+@dataclass(frozen=True)
+class RoundMark:
+    """A round target of the board, seen in red light."""
+
+    point: BoardPoint
+    place_um: tuple[float, float]
+
+    @property
+    def name(self) -> str:
+        """CAD's name."""
+        return self.point.name
+
+    @property
+    def size_um(self) -> float:
+        """CAD's diameter."""
+        return self.point.diameter_um
+
+    async def see(
+        self, job: Job, bench: Bench, position: Position, offset_px: tuple[float, float], reach_px: float
+    ) -> Sight | Unseen:
+        """Take a look in both lights."""
+        expected_px = self.point.diameter_um / 2 / bench.config.camera.pitch_um
+        probe = bench.calibrations.require_probe()
+        search = Search(offset_px, reach_px, expected_px)
+        look = await bench.station.look(position, probe, search, job.watch, job.deadline)
+        job.saw(look)
+        target = look.seen.nearest if look.seen is not None else None
+        found = target if isinstance(target, TestPoint) else None
+        job.note("look", describe(look, found, None))
+        if isinstance(found, TestPoint) and found.visible < MIN_VISIBLE:
+            return Unseen("the needle hides too much of it")
+        return _sight(look, target, bench)
+
+
+@dataclass(frozen=True)
+class CrossMark:
+    """The printed control point, seen in white light together with the tip."""
+
+    place_um: tuple[float, float]
+    arm_um: float
+
+    @property
+    def name(self) -> str:
+        """What it is called."""
+        return CROSS
+
+    @property
+    def size_um(self) -> float:
+        """Both arms of a line."""
+        return 2 * self.arm_um
+
+    async def see(
+        self, job: Job, bench: Bench, position: Position, offset_px: tuple[float, float], reach_px: float
+    ) -> Sight | Unseen:
+        """Take one white picture."""
+        search = CrossSearch(offset_px, reach_px, self.arm_um / bench.config.camera.pitch_um)
+        probe = bench.calibrations.require_probe()
+        look = await bench.station.look_white(position, probe, search, job.watch, job.deadline)
+        job.saw(look)
+        job.note("look", describe(look, None, None))
+        if isinstance(look.cross, ControlPoint) and look.cross.sigma_px > MAX_CROSS_SIGMA_PX:
+            return Unseen(f"its centre is known to {look.cross.sigma_px:.1f} px only; is it sharp, clean and flat?")
+        return _sight(look, look.cross, bench)
+
+
+def choose_mark(config: Config, geometry: Geometry, point: BoardPoint | None) -> Mark:
+    """Return the round target that was named, else the control point of the configuration."""
+    if point is not None:
+        x_um, y_um = geometry.board_to_robot_um(point.place_um)
+        return RoundMark(point, (float(x_um), float(y_um)))
+    cross = config.control_point
+    if cross is None:
+        raise Fault(
+            Kind.NOT_CALIBRATED,
+            "the configuration has no [control_point]",
+            advice="fix the printed cross beside the board and write its place into station.toml",
+        )
+    return CrossMark(cross.place_um, cross.arm_um)
+
+
+def _sight(look: Look, target: TestPoint | ControlPoint | NotFound | None, bench: Bench) -> Sight | Unseen:
+    """Put tip and mark together; a picture that is no good anywhere is a fault at once."""
+    if not isinstance(look.tip, Tip) or not isinstance(target, TestPoint | ControlPoint):
+        missing = target if isinstance(look.tip, Tip) else look.tip
+        if not isinstance(missing, NotFound):
+            return Unseen("it was not looked for")
+        # A white picture in which the tip is seen is good; where it is dark beside the tip, the print is not there.
+        bare = look.red is None and missing is target
+        if missing.reason is not Reason.OUT_OF_FRAME and not bare:
+            refuse_unusable(missing)
+        return Unseen(missing.message if missing is target else f"the tip was not found: {missing.message}")
+    x, y = bench.calibrations.require_probe().tip_px
+    shift = x - look.tip.x_px, y - look.tip.y_px
+    sigma_px = (look.tip.sigma_px**2 + target.sigma_px**2) ** 0.5
+    return Sight(look.tip, (target.x_px + shift[0], target.y_px + shift[1]), sigma_px, look.position)

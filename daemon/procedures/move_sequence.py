@@ -1,0 +1,36 @@
+"""The way of a job from place to place: every move with what is looked at after it is one round of move and verify."""
+
+from __future__ import annotations
+
+from daemon.domain.states import Event
+from daemon.jobs.context import Bench, Job
+from drivers.gantry import Position
+
+BELOW: frozenset[str] = frozenset()
+"""The rule: all axes come to a place from below."""
+
+
+class Tour:
+    """Go to one place after the other; the job must be in `look` when the tour begins."""
+
+    def __init__(self, job: Job, bench: Bench) -> None:
+        self.job, self.bench = job, bench
+        self._under_way = False
+
+    async def go(self, target: Position, *, from_above: frozenset[str] = BELOW) -> Position:
+        """Move and return where the drives say the head is; the white lamp is switched on ahead."""
+        job, station = self.job, self.bench.station
+        station.check(target)
+        job.fire(Event.OFF_TARGET if self._under_way else Event.SEEN)
+        self._under_way = True
+        await station.prepare_white(job.watch, job.deadline)
+        job.moves += 1
+        position = await station.go(target, job.watch, job.deadline, from_above=from_above)
+        job.note("move", {"x_um": round(target.x_um, 2), "y_um": round(target.y_um, 2), "theta_deg": target.theta_deg})
+        job.fire(Event.ARRIVED)
+        return position
+
+
+def shifted(position: Position, dx_um: float = 0.0, dy_um: float = 0.0, dz_um: float = 0.0) -> Position:
+    """Return a place beside another."""
+    return Position(position.x_um + dx_um, position.y_um + dy_um, position.z_um + dz_um, position.theta_deg)

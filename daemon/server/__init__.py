@@ -1,0 +1,1 @@
+"""Sockets and who may use them: control, events, keys, rate limits."""

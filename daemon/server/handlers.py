@@ -1,0 +1,230 @@
+"""What each operation of the control socket answers."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Protocol
+
+from daemon.config.model import Config
+from daemon.domain.board import Board
+from daemon.domain.errors import Fault, Kind
+from daemon.domain.roles import Caller, may
+from daemon.domain.states import BUSY, Machine
+from daemon.jobs.image_archive import Pictures
+from daemon.jobs.runner import Jobs
+from daemon.maintenance.monitor import Keeper
+from daemon.platform.clock import due_at_s
+from daemon.storage.calibration_store import Calibrations
+from daemon.storage.journal import Journal
+from daemon.telemetry.metrics import Metrics
+from daemon.telemetry.vitals import Vitals
+from daemon.wire.events import TOPICS, AlertFacts
+from daemon.wire.replies import (
+    AcknowledgeReply,
+    AlertsReply,
+    BoardFacts,
+    CalibrationState,
+    CancelReply,
+    DescribeReply,
+    ErrorFacts,
+    JobReply,
+    Limits,
+    Links,
+    PastAlert,
+    Reply,
+    ReportReply,
+    ResultReply,
+    ResultsReply,
+    Running,
+    SnapshotReply,
+    StatusReply,
+    TestPoint,
+    You,
+)
+from daemon.wire.requests import (
+    OPS,
+    VERSIONS,
+    Acknowledge,
+    Alerts,
+    Align,
+    AnyJob,
+    AnyRequest,
+    Calibrate,
+    Cancel,
+    Correct,
+    Describe,
+    ErrorBody,
+    Home,
+    Look,
+    Place,
+    Report,
+    Reset,
+    Result,
+    Results,
+    Snapshot,
+    Status,
+)
+
+
+class Served(Protocol):
+    """What of the running daemon the operations ask."""
+
+    config: Config
+    machine: Machine
+    jobs: Jobs
+    board: Board
+    calibrations: Calibrations
+    pictures: Pictures
+    metrics: Metrics
+    keeper: Keeper
+
+    def vitals(self) -> Vitals:
+        """Read what is so at present."""
+
+    async def reset(self) -> Fault | None:
+        """Try to leave a fault; return what still speaks against it."""
+
+
+class Ops:
+    """Answer requests for one daemon."""
+
+    def __init__(self, service: Served, journal: Journal) -> None:
+        self._service = service
+        self._journal = journal
+
+    def at_once(self, request: AnyRequest, caller: Caller) -> Reply | None:
+        """Return the reply to what needs no waiting, else None."""
+        match request:
+            case Status():
+                return self._status()
+            case Describe():
+                return self._describe(caller)
+            case _:
+                return None
+
+    async def handle(self, request: AnyRequest, caller: Caller) -> Reply:
+        """Return the reply, or raise `Fault`."""
+        match request:
+            case Correct() | Place() | Look() | Align() | Calibrate() | Home():
+                return await self._job(request, caller)
+            case Snapshot():
+                return await self._snapshot()
+            case _:
+                due_at_s(request.deadline_ms, 1.0)
+                return await self._other(request)
+
+    async def _job(self, request: AnyJob, caller: Caller) -> Reply:
+        done = await self._service.jobs.submit(request, caller.client)
+        if not request.wait and not done.done():
+            return JobReply(id=request.id)
+        # Shielded: the future belongs to the job, and other clients may wait for the same one.
+        return JobReply(id=request.id, result=await asyncio.shield(done))
+
+    async def _other(self, request: AnyRequest) -> Reply:
+        match request:
+            case Cancel():
+                return CancelReply(cancelled=self._service.jobs.cancel(request.id))
+            case Reset():
+                return await self._reset()
+            case Result():
+                return await self._result(request.id)
+            case Results():
+                return ResultsReply(results=await self._journal.results(request.since, request.limit))
+            case Report():
+                return await self._report(request)
+            case Alerts():
+                past = await self._journal.alerts(request.since, request.limit)
+                overview = self._service.keeper.overview()
+                return AlertsReply(alerts=[PastAlert.model_validate(alert) for alert in past], **overview)
+            case Acknowledge():
+                keeper = self._service.keeper
+                known = await keeper.acknowledge(request.alert, request.by, request.note, mended=request.mended)
+                return AcknowledgeReply(alert=AlertFacts.model_validate(known.to_dict()))
+            case _:
+                raise Fault(Kind.UNKNOWN_OP)
+
+    def _status(self) -> StatusReply:
+        service = self._service
+        jobs, calibrations = service.jobs, service.calibrations
+        running = jobs.running
+        return StatusReply(
+            station=service.config.station.name,
+            state=service.machine.state.value,
+            fault=ErrorBody.of(jobs.fault) if jobs.fault else None,
+            running=Running(id=running.id, op=running.op, progress=jobs.progress) if running else None,
+            queued=jobs.queued,
+            calibration=CalibrationState(
+                tip=calibrations.probe is not None,
+                map_made_at=calibrations.mapped_at,
+                made_at=calibrations.made_at(),
+                aligned=calibrations.alignment(service.board) is not None,
+                not_used=calibrations.problems,
+            ),
+            pictures=service.pictures.full or "kept",
+        )
+
+    async def _snapshot(self) -> SnapshotReply:
+        """Answer what a late joiner needs.
+
+        `next_seq` is read first: what is published while the rest is read comes again in the replay, and is not missed.
+        """
+        next_seq = self._journal.upcoming_seq
+        last, touches = await self._journal.last_result(), await self._journal.touches()
+        links = Links.model_validate(self._service.vitals().links())
+        status = self._status()
+        facts = {name: getattr(status, name) for name in StatusReply.model_fields}
+        return SnapshotReply(**facts, next_seq=next_seq, last_result=last, touches=touches, links=links)
+
+    def _describe(self, caller: Caller) -> DescribeReply:
+        service = self._service
+        api = service.config.api
+        return DescribeReply(
+            station=service.config.station.name,
+            ops=list(OPS),
+            events=api.events,
+            board=_board_facts(service.board),
+            errors=[
+                ErrorFacts(code=k.code, name=k.wire_name, cause=k.value.cause, advice=k.value.advice) for k in Kind
+            ],
+            versions=list(VERSIONS),
+            topics=list(TOPICS),
+            you=You(client=caller.client, role=caller.role, ops=[op for op in OPS if may(caller.role, op)]),
+            limits=Limits(
+                max_message_bytes=api.max_message_bytes, rate_per_s=api.rate_per_s, rate_burst=api.rate_burst,
+                queue_length=api.queue_length, queue_per_client=api.queue_per_client,
+            ),
+        )  # fmt: skip
+
+    async def _reset(self) -> Reply:
+        if self._service.machine.state in BUSY:
+            raise Fault(Kind.BUSY, "a job runs; cancel it first")
+        fault = await self._service.reset()
+        if fault is not None:
+            raise fault
+        return self._status()
+
+    async def _result(self, job_id: str) -> Reply:
+        stored = await self._journal.job(job_id)
+        if stored is None:
+            raise Fault(Kind.UNKNOWN_JOB, f"no job {job_id!r}"[:200], id=job_id)
+        return ResultReply(id=job_id, done=stored.result is not None, result=stored.result)
+
+    async def _report(self, request: Report) -> Reply:
+        if request.id is not None and await self._journal.job(request.id) is None:
+            raise Fault(Kind.UNKNOWN_JOB, f"no job {request.id!r}"[:200], id=request.id)
+        await self._journal.add_report(request.id, request.retest, request.touches)
+        self._service.metrics.report(request.retest, request.touches)
+        self._service.keeper.reported(request.touches)
+        return ReportReply(touches=await self._journal.touches())
+
+
+def _board_facts(board: Board) -> BoardFacts:
+    points = [p.model_dump(exclude={"why_not"}) for p in board.test_points()]
+    return BoardFacts(
+        name=board.name,
+        side=board.side,
+        width_um=board.width_um,
+        height_um=board.height_um,
+        test_points=[TestPoint.model_validate(point) for point in points],
+        not_probeable={p.name: p.why_not for p in board.points if p.why_not} | board.hidden,
+    )

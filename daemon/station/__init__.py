@@ -1,0 +1,1 @@
+"""Gantry, lights and camera as one station."""

@@ -1,0 +1,47 @@
+"""From what the drivers raise to the faults of the wire, most specific first."""
+
+from __future__ import annotations
+
+from daemon.domain.errors import Fault, Kind
+from drivers import errors
+
+_KINDS: tuple[tuple[type[errors.DeviceError], Kind], ...] = (
+    (errors.NotHomed, Kind.NOT_HOMED),
+    (errors.EnvelopeViolation, Kind.OUTSIDE_ENVELOPE),
+    (errors.LimitHit, Kind.LIMIT_HIT),
+    (errors.Stalled, Kind.AXIS_STALLED),
+    (errors.EmergencyStop, Kind.EMERGENCY_STOP),
+    (errors.MotionError, Kind.MOTION_FAILED),
+    (errors.CameraError, Kind.CAMERA_FAILED),
+    (errors.LightError, Kind.LIGHT_FAILED),
+    (errors.DeviceRefused, Kind.DEVICE_REFUSED),
+    (errors.DeviceError, Kind.LINK_LOST),
+)
+
+
+def as_fault(error: Exception) -> Fault:
+    """Return the fault that stands for `error`; what nobody expected is `internal`."""
+    if isinstance(error, Fault):
+        return error
+    if isinstance(error, errors.DeviceError):
+        kind = next(kind for raised, kind in _KINDS if isinstance(error, raised))
+        return Fault(kind, str(error), device=error.device, advice=error.advice)
+    return Fault(Kind.INTERNAL, f"{type(error).__name__}: {error}")
+
+
+def forget_frames(error: BaseException) -> None:
+    """Let go of where an error came from, and what caused it: every frame on the way holds its pictures.
+
+    An error and the frames it passed refer to each other, so that without this tens of megabytes of a failed job would
+    stay until the collector of cycles comes by, or, where the error closes the station, until it is cleared.
+    """
+    seen: set[int] = set()
+    open_ones: list[BaseException | None] = [error]
+    while open_ones:
+        one = open_ones.pop()
+        if one is not None and id(one) not in seen:
+            seen.add(id(one))
+            one.__traceback__ = None
+            open_ones += [one.__cause__, one.__context__]
+            if isinstance(one, BaseExceptionGroup):
+                open_ones += one.exceptions

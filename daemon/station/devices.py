@@ -1,0 +1,195 @@
+"""Open the devices that the configuration names, and look after them as one."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Coroutine, Mapping
+from contextlib import AsyncExitStack
+from typing import Any, TypeVar
+
+import structlog
+
+from daemon.config.model import AxisSection, BusSection, CameraSection, Config, LightsSection
+from drivers.bus import Line, ModbusBus, OdAddressing, SerialLine, TcpLine
+from drivers.camera import Camera, CameraConfig, StreamCamera, V4L2Camera
+from drivers.deadline import Deadline
+from drivers.errors import DeviceError, DriveFault, LimitHit
+from drivers.gantry import Gantry, GantryConfig
+from drivers.l4118 import Axis, AxisConfig, AxisFindings, AxisHealth, HomingConfig
+from drivers.lights import Light, Lights, ModbusRelayLights, SerialRelayLights
+
+THETA_WINDOW_DEG = 0.03
+HOMING_ZERO_SHARE = 0.2
+"""Share of the homing speed with which the switch's edge is sought."""
+T = TypeVar("T")
+log = structlog.get_logger(__name__)
+
+
+class Hardware:
+    """The open devices. Made by `open_hardware`; `close` leaves the station dark and still."""
+
+    def __init__(
+        self,
+        gantry: Gantry,
+        lights: Lights,
+        camera: Camera,
+        buses: Mapping[str, ModbusBus],
+        stack: AsyncExitStack,
+        found: Mapping[str, AxisFindings],
+    ) -> None:
+        self.gantry = gantry
+        self.found = found
+        """What the drives' self-test settled when they were opened."""
+        self.buses = buses
+        self.lights = lights
+        self.camera = camera
+        self.axes: tuple[AxisHealth, ...] = ()
+        """What the drives said of themselves when they were last asked."""
+        self._stack = stack
+
+    async def recover(self, deadline: Deadline, *, reference_lost: bool) -> None:
+        """Clear what the drives hold and darken; raise what is still wrong. Moves nothing.
+
+        A drive in fault had no power on its motor: its axis may stand elsewhere, so all have to be homed again.
+        """
+        if reference_lost or any(axis.error_code for axis in await self.gantry.health(deadline)):
+            await self.gantry.forget_homing(deadline)
+        await self.gantry.reset(deadline)
+        await self.gantry.start(deadline)
+        await self.lights.set(Light.OFF, deadline)
+
+    async def check_health(self, deadline: Deadline) -> None:
+        """Raise if a drive is in fault or stands on a limit switch."""
+        self.axes = await self.gantry.health(deadline)
+        for axis in self.axes:
+            if axis.error_code or axis.state.lower().startswith("fault"):
+                raise DriveFault(
+                    f"{axis.error_meaning} ({axis.error_code:04X}h)", device=axis.name, code=axis.error_code
+                )
+            if axis.homed and (axis.negative_limit or axis.positive_limit):
+                raise LimitHit("stands on a limit switch", device=axis.name)
+
+    async def close(self, deadline: Deadline) -> None:
+        """Stop motion, go dark, let go of everything; what fails is logged, the rest goes on."""
+        try:
+            if self.gantry.moving:
+                await self.gantry.quick_stop()
+        except DeviceError as exc:
+            log.error("not_stopped", error=str(exc))
+        try:
+            await self._stack.aclose()
+        except DeviceError as exc:
+            log.error("not_closed", error=str(exc), remaining_s=deadline.remaining_s)
+
+
+async def open_hardware(config: Config, deadline: Deadline) -> Hardware:
+    """Open buses, drives, lights and camera; if one fails, close the others again and raise its error."""
+    async with AsyncExitStack() as stack:
+        buses = await open_buses(config, stack)
+        camera = make_camera(config.camera)
+        stack.push_async_callback(camera.close)
+        # Closed before the camera, which may take its time: first the station is dark.
+        lights = await open_lights(config.lights, buses, deadline)
+        stack.push_async_callback(lights.close)
+        gantry = _gantry(config, buses)
+        found = await _beside(camera.open(deadline), gantry.start(deadline))
+        return Hardware(gantry, lights, camera, buses, stack.pop_all(), found)
+
+
+async def _beside(short: Coroutine[Any, Any, None], long: Coroutine[Any, Any, T]) -> T:
+    """Do both at once and return what the long one brings; its error comes first, for it has more to say."""
+    other = asyncio.create_task(short)
+    try:
+        result = await long
+        await other
+        return result
+    finally:
+        if not other.done():
+            other.cancel()
+        await asyncio.wait([other])
+        if not other.cancelled():
+            other.exception()  # of two errors the first is told
+
+
+async def open_buses(config: Config, stack: AsyncExitStack) -> dict[str, ModbusBus]:
+    """Open the lines by name; `stack` closes them."""
+    buses: dict[str, ModbusBus] = {}
+    for name, section in config.bus.items():
+        gap_s, timeout_s = section.gap_ms / 1e3, section.timeout_ms / 1e3
+        buses[name] = await ModbusBus.open(_line(section), gap_s=gap_s, timeout_s=timeout_s)
+        stack.push_async_callback(buses[name].close)
+    return buses
+
+
+def _line(section: BusSection) -> Line:
+    if section.host is not None:
+        return TcpLine(section.host, section.tcp_port, section.framing)
+    return SerialLine(str(section.port), section.baudrate, section.parity, section.stopbits)
+
+
+def make_axes(config: Config, buses: Mapping[str, ModbusBus]) -> dict[str, Axis]:
+    """Return the four axes on their lines; nothing is asked or moved yet."""
+    sections = {name: getattr(config.axes, name) for name in ("x", "y", "z", "theta")}
+    return {name: Axis(buses[section.bus], _axis(name, section)) for name, section in sections.items()}
+
+
+def _gantry(config: Config, buses: Mapping[str, ModbusBus]) -> Gantry:
+    axes = make_axes(config, buses)
+    limits = GantryConfig(
+        safe_z_um=config.gantry.safe_z_um,
+        backlash_um=config.gantry.approach_um,
+        backlash_theta_deg=config.gantry.approach_deg,
+    )
+    return Gantry(axes, limits)
+
+
+def _axis(name: str, section: AxisSection) -> AxisConfig:
+    homing = HomingConfig(
+        method=section.homing_method,
+        switch_speed_units_s=section.homing_speed,
+        zero_speed_units_s=section.homing_speed * HOMING_ZERO_SHARE,
+        acceleration_units_s2=section.acceleration,
+        home_position_units=section.homing_position,
+    )
+    access = section.object_access
+    return AxisConfig(
+        name=name,
+        address=section.address,
+        increments_per_unit=section.increments_per_unit,
+        min_units=section.minimum,
+        max_units=section.maximum,
+        speed_units_s=section.speed,
+        acceleration_units_s2=section.acceleration,
+        homing=homing,
+        window_units=THETA_WINDOW_DEG if name == "theta" else 1.0,
+        addressing=OdAddressing(**access.model_dump()) if access is not None else None,
+        word_order=section.word_order,
+    )
+
+
+async def open_lights(section: LightsSection, buses: Mapping[str, ModbusBus], deadline: Deadline) -> Lights:
+    """Open the lamps' relay and go dark."""
+    settle_s = section.settle_ms / 1e3
+    if section.kind == "modbus":
+        bus = buses[str(section.bus)]
+        return await ModbusRelayLights.open(
+            bus, section.address, section.white, section.red, settle_s=settle_s, deadline=deadline
+        )
+    return await SerialRelayLights.open(
+        str(section.port), section.white, section.red, settle_s=settle_s, deadline=deadline
+    )
+
+
+def make_camera(section: CameraSection) -> Camera:
+    """Return the camera, not opened yet."""
+    config = CameraConfig(
+        device=section.device or section.endpoint or "",
+        width_px=section.width,
+        height_px=section.height,
+        encoding=section.encoding,
+        exposure_us=section.exposure_us,
+        gain=section.gain,
+        focus=section.focus,
+        white_balance_k=section.white_balance_k,
+    )
+    return StreamCamera(config) if section.kind == "stream" else V4L2Camera(config)

@@ -1,0 +1,217 @@
+"""Gantry, lights and camera as one station: `look()` and `go()`.
+
+A look takes two pictures of one resting scene: white for the tip, red for the pads (thesis 5.3, 5.4). A frame counts
+only if its exposure began after the light, and the head before it, had settled. While red settles, the tip is already
+being searched in the white picture.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from dataclasses import dataclass
+
+from daemon.config.model import Config
+from daemon.domain.board import BoardPoint
+from daemon.domain.errors import Fault, Kind
+from daemon.platform.clock import Stopwatch
+from daemon.station.devices import Hardware
+from drivers.camera import Frame
+from drivers.deadline import Deadline
+from drivers.gantry import Position
+from drivers.lights import Light
+from vision import ControlPoint, NotFound, ProbeModel, Seen, Tip, find_control_point, find_test_points, find_tip
+from vision.geometry.pose_map import PoseMap
+
+HOMED_WITHIN_S = 2.0
+HEIGHT_WINDOW_UM = 5.0
+"""The head is at working height when Z agrees this well."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """What one look brought: the frames, where the head was, the tip and what was looked for.
+
+    `tip` is None when no probe is taught; `seen` is what the red frame showed, `cross` what the white one did: each is
+    None where it was not looked for, or where there is no tip to search round.
+    """
+
+    white: Frame
+    red: Frame | None
+    position: Position
+    tip: Tip | NotFound | None
+    expected_tip_px: tuple[float, float] | None
+    seen: Seen | None = None
+    cross: ControlPoint | NotFound | None = None
+
+
+@dataclass(frozen=True)
+class Search:
+    """Where and for what to look in the red picture, relative to the tip."""
+
+    offset_px: tuple[float, float]
+    reach_px: float
+    expected_radius_px: float | None
+
+    @classmethod
+    def by_map(
+        cls, pose_map: PoseMap, tip_px: tuple[float, float], point: BoardPoint, reach_um: float, height_um: float
+    ) -> Search:
+        """Look round the place below the tip for a target of CAD's size; `height_um` is the surface's there."""
+        scale = pose_map.scale_px_per_um(tip_px)
+        return cls(pose_map.below_px(height_um), reach_um * scale, point.diameter_um / 2 * scale)
+
+
+@dataclass(frozen=True)
+class CrossSearch:
+    """Where to look for the control point in the white picture, relative to the tip, and how long its arms are."""
+
+    offset_px: tuple[float, float]
+    reach_px: float
+    arm_px: float
+
+
+class Station:
+    """The opened hardware as one thing that looks and goes."""
+
+    def __init__(self, config: Config, hardware: Hardware) -> None:
+        self.config = config
+        self._hardware = hardware
+        self._resting_since_s = time.monotonic()
+
+    @property
+    def exchanges(self) -> int:
+        """How many requests went over the buses so far: a sign of life while something moves."""
+        return sum(bus.statistics.requests for bus in self._hardware.buses.values())
+
+    async def position(self, watch: Stopwatch, deadline: Deadline) -> Position:
+        """Read where the axes are."""
+        with watch.spend("bus"):
+            return await self._hardware.gantry.position(deadline)
+
+    async def go(
+        self, target: Position, watch: Stopwatch, deadline: Deadline, *, from_above: frozenset[str] = frozenset()
+    ) -> Position:
+        """Move the head and return where the drives report it to be; cancelling stops it.
+
+        `from_above`: axes that come to the target from above, against the rule; only who measures backlash wants that.
+        """
+        self._hardware.gantry.check(target)
+        with watch.spend("motion"):
+            try:
+                return await self._hardware.gantry.move_to(target, deadline, from_above=from_above)
+            finally:
+                self._resting_since_s = time.monotonic()
+
+    async def to_work_height(self, position: Position, watch: Stopwatch, deadline: Deadline) -> Position:
+        """Bring Z to the one height at which looks are taken; return the position."""
+        if abs(position.z_um - self.config.gantry.work_z_um) <= HEIGHT_WINDOW_UM:
+            return position
+        level = Position(position.x_um, position.y_um, self.config.gantry.work_z_um, position.theta_deg)
+        return await self.go(level, watch, deadline)
+
+    async def home(self, watch: Stopwatch, deadline: Deadline) -> None:
+        """Home all axes."""
+        with watch.spend("motion"):
+            try:
+                await self._hardware.gantry.home(deadline)
+            finally:
+                self._resting_since_s = time.monotonic()
+
+    async def require_homed(self, watch: Stopwatch, deadline: Deadline) -> None:
+        """Raise unless every drive still knows where it is."""
+        with watch.spend("bus"):
+            homed = await self._hardware.gantry.homed(deadline.within(HOMED_WITHIN_S))
+        if not homed:
+            raise Fault(Kind.NOT_HOMED)
+
+    def check(self, target: Position) -> None:
+        """Raise if the target is outside of what the machine may reach."""
+        self._hardware.gantry.check(target)
+
+    async def look(
+        self, position: Position, model: ProbeModel | None, search: Search, watch: Stopwatch, deadline: Deadline
+    ) -> Look:
+        """Take white and red from where the head is and find tip and pads; nothing moves."""
+        white = await self.picture(Light.WHITE, watch, deadline)
+        tip_search = asyncio.create_task(asyncio.to_thread(_search_tip, white, model))
+        try:
+            red = await self.picture(Light.RED, watch, deadline)
+            tip = await tip_search
+        finally:
+            tip_search.cancel()
+        seen = await asyncio.to_thread(_search_pads, red, tip, search) if tip else None
+        return Look(white, red, position, tip, model.tip_px if model is not None else None, seen=seen)
+
+    async def look_white(
+        self, position: Position, model: ProbeModel, cross: CrossSearch | None, watch: Stopwatch, deadline: Deadline
+    ) -> Look:
+        """Take one white frame and find the tip in it, and the control point if it is asked for; nothing moves."""
+        white = await self.picture(Light.WHITE, watch, deadline)
+        tip, found = await asyncio.to_thread(_search_white, white, model, cross)
+        return Look(white, None, position, tip, model.tip_px, cross=found)
+
+    async def picture(self, light: Light, watch: Stopwatch, deadline: Deadline) -> Frame:
+        """Take one frame that was exposed wholly after light and head had settled."""
+        lights = self._hardware.lights
+        with watch.spend("bus"):
+            await lights.set(light, deadline)
+        lit_at_s = time.monotonic() + lights.settle_s
+        still_at_s = self._resting_since_s + self.config.gantry.settle_ms / 1e3
+        asked_s = time.monotonic()
+        ready_s = max(lit_at_s, still_at_s)
+        patience_s = self.config.camera.timeout_ms / 1e3
+        frame = await self._hardware.camera.frame_after(ready_s, deadline.within(ready_s - asked_s + patience_s))
+        watch.book("light", ready_s - asked_s)
+        # Waiting for the exposure and for the camera to send it; decoding comes after that and is software.
+        watch.book("exposure", frame.received_s - max(ready_s, asked_s))
+        return frame
+
+    async def prepare_white(self, watch: Stopwatch, deadline: Deadline) -> None:
+        """Switch to white ahead of a move, so that the lamp is steady when the head is."""
+        with watch.spend("bus"):
+            await self._hardware.lights.set(Light.WHITE, deadline)
+
+    async def dark(self, watch: Stopwatch, deadline: Deadline) -> None:
+        """Switch both rings off."""
+        with watch.spend("bus"):
+            await self._hardware.lights.set(Light.OFF, deadline)
+
+    async def stop(self) -> None:
+        """Stop all motion at once, whatever else goes on."""
+        await self._hardware.gantry.quick_stop()
+
+    async def retract(self, deadline: Deadline) -> None:
+        """Lift the needle to the safe height."""
+        position = await self._hardware.gantry.position(deadline)
+        if position.z_um < self.config.gantry.safe_z_um:
+            safe = Position(position.x_um, position.y_um, self.config.gantry.safe_z_um, position.theta_deg)
+            await self._hardware.gantry.move_to(safe, deadline)
+
+
+def _search_tip(white: Frame, model: ProbeModel | None) -> Tip | NotFound | None:
+    """Run TEDA, if a probe has been taught."""
+    return find_tip(white.pixels, model) if model is not None else None
+
+
+def _search_white(
+    white: Frame, model: ProbeModel, cross: CrossSearch | None
+) -> tuple[Tip | NotFound, ControlPoint | NotFound | None]:
+    """Run TEDA, and round the tip appendix C."""
+    tip = find_tip(white.pixels, model)
+    if not tip or cross is None:
+        return tip, None
+    around = (tip.x_px + cross.offset_px[0], tip.y_px + cross.offset_px[1])
+    return tip, find_control_point(white.pixels, around, cross.reach_px, cross.arm_px)
+
+
+def _search_pads(red: Frame, tip: Tip, search: Search) -> Seen:
+    """Run TDEA round the place below the tip."""
+    around = (tip.x_px + search.offset_px[0], tip.y_px + search.offset_px[1])
+    return find_test_points(
+        red.pixels,
+        around_px=around,
+        reach_px=search.reach_px,
+        expected_radius_px=search.expected_radius_px,
+        needle=tip,
+    )

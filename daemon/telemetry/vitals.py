@@ -1,0 +1,95 @@
+"""What is so at present: the numbers that a scrape, a snapshot and the support bundle show.
+
+Reading them costs no I/O but one look at the journal's size, and is safe from another thread: whatever is read is
+replaced whole, never changed in place.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import threading
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Protocol
+
+from daemon.jobs.runner import Jobs
+from daemon.station.devices import Hardware
+from daemon.storage.calibration_store import Calibrations
+
+_M_ARENA_MAX = -8
+ARENAS = 2
+
+
+@dataclass(frozen=True)
+class Vitals:
+    """One reading."""
+
+    fault: str | None
+    waiting: int
+    threads: int
+    journal_bytes: int
+    calibration_age_s: dict[str, float]
+    buses: dict[str, dict[str, int]]
+    """Line -> its counts since it was opened, and whether it is connected."""
+    camera: dict[str, int]
+    """Counts since the camera was opened; empty while there is none."""
+
+    def links(self) -> dict[str, Any]:
+        """Return the part about lines and camera, as the wire has it."""
+        return {"buses": self.buses, "camera": self.camera}
+
+
+class Read(Protocol):
+    """What is looked at."""
+
+    jobs: Jobs
+    calibrations: Calibrations
+
+    @property
+    def hardware(self) -> Hardware | None:
+        """The open devices."""
+
+
+def read_vitals(service: Read, data_dir: Path) -> Vitals:
+    """Read once."""
+    fault, hardware = service.jobs.fault, service.hardware
+    now = datetime.now(UTC)
+    made_at = dict(service.calibrations.made_at())
+    return Vitals(
+        fault=fault.kind.wire_name if fault else None,
+        waiting=service.jobs.queued,
+        threads=threading.active_count(),
+        journal_bytes=_size(data_dir / "journal.sqlite") + _size(data_dir / "journal.sqlite-wal"),
+        calibration_age_s={k: (now - datetime.fromisoformat(at)).total_seconds() for k, at in made_at.items()},
+        buses=_buses(hardware) if hardware else {},
+        camera=asdict(hardware.camera.statistics()) if hardware else {},
+    )
+
+
+def _buses(hardware: Hardware) -> dict[str, dict[str, int]]:
+    return {
+        name: {**asdict(bus.statistics), "reconnects": bus.reconnects, "connected": int(bus.connected)}
+        for name, bus in hardware.buses.items()
+    }
+
+
+def _size(file: Path) -> int:
+    try:
+        return file.stat().st_size
+    except OSError:
+        return 0
+
+
+def few_arenas() -> None:
+    """Tell the C library to share few pools among the threads: each would keep the pictures it once held."""
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
+    if mallopt is not None:
+        mallopt(_M_ARENA_MAX, ARENAS)
+
+
+def give_back_memory() -> None:
+    """Give memory that no picture needs any more back to the system; a few ms, to be called where nothing waits."""
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+    if trim is not None:
+        trim(0)

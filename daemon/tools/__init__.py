@@ -1,0 +1,1 @@
+"""Programs beside the daemon: reports, examination, demonstration, import of CAD, support bundle, installation."""

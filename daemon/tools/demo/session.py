@@ -1,0 +1,156 @@
+"""The tester of the demonstration: sets the station up, then triggers one correction after the other.
+
+The tester does what a person and a tester do on a line: home, show the daemon the needle's end, calibrate the map, put
+the head over test points, say "open". How good each landing was it asks the simulated station's truth, not the daemon.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from daemon.client import Client
+from daemon.domain.board import Board, BoardPoint
+from daemon.tools.demo.processes import Bench
+from daemon.wire.requests import JobResult
+
+CLICK_ERROR_PX, CLICKS = 0.4, 5
+"""A person who points at the needle's end in a magnified picture is off by this much (1 sigma), and clicks so often."""
+BESIDE_BOARD_UM = 9000.0
+"""Beside the board there is only the dark base plate: the low-noise background on which the thesis teaches the tip."""
+ANGLES_DEG = (0.0, 100.0), (140.0, 359.9)
+LIMIT_UM = 50.0
+LEAST_FIDUCIALS, LEAST_TOUCHED = 3, 4
+ALONE_UM = 2500.0
+LONG_MS = 3600e3
+"""More than any calibration takes."""
+Say = Callable[[str], None]
+
+
+class SetUpError(Exception):
+    """The station could not be set up; the message says which step failed and why."""
+
+
+@dataclass(frozen=True)
+class Landing:
+    """One test point's story: the daemon's answer, and the truth before and after."""
+
+    point: BoardPoint
+    theta_deg: float
+    before_um: float
+    after_um: float
+    result: JobResult
+
+    @property
+    def good(self) -> bool:
+        """Whether the daemon answered that it landed, and it did."""
+        return self.result.ok and self.after_um <= LIMIT_UM
+
+
+def choose_points(board: Board, at_most: int) -> list[BoardPoint]:
+    """Return the named test points, else probe-able vias, in natural order."""
+    offered = board.test_points()
+    named = [p for p in offered if p.name.startswith("TP")]
+    return sorted(named or offered, key=lambda p: [int(s) if s.isdigit() else s for s in re.split(r"(\d+)", p.name)])[
+        :at_most
+    ]
+
+
+def solitude_um(board: Board, point: BoardPoint) -> float:
+    """Return how far away the next target is that looks alike."""
+    others = board.lookalikes_um(point, within_um=20_000.0)[1:]
+    return min((math.dist(other, point.place_um) for other in others), default=20_000.0)
+
+
+def choose_fiducials(board: Board) -> list[BoardPoint]:
+    """Return what the board is aligned by: its fiducials, else four targets that stand alone, far apart."""
+    fiducials = [p for p in board.points if p.kind == "fiducial"]
+    if len(fiducials) >= LEAST_FIDUCIALS:
+        return fiducials
+    alone = sorted(board.test_points(), key=lambda p: -min(solitude_um(board, p), ALONE_UM))
+    candidates = [p for p in alone if solitude_um(board, p) >= ALONE_UM] or alone[:12]
+    chosen = candidates[:1]
+    while len(chosen) < min(4, len(candidates)):
+        chosen.append(max(candidates, key=lambda p: min(math.dist(p.place_um, c.place_um) for c in chosen)))
+    return chosen if len(chosen) >= LEAST_FIDUCIALS else []
+
+
+def choose_mark(board: Board) -> BoardPoint:
+    """Return the round target that stands most alone among its likes; fiducials are made for it."""
+    marks = [p for p in board.points if p.kind == "fiducial" or (p.probeable and p.hole_um is None)] or [*board.points]
+    return max(marks, key=lambda p: (p.kind == "fiducial", min(solitude_um(board, p), 4000.0), -p.diameter_um))
+
+
+def point_at_tip(bench: Bench, chance: random.Random) -> list[float]:
+    """Point at the needle's end as a person would on the page: well but not perfectly, a few times; return the mean."""
+    true_px = bench.ask("status")["tip_px"]
+    clicks = [[at + chance.gauss(0, CLICK_ERROR_PX) for at in true_px] for _ in range(CLICKS)]
+    return [sum(axis) / CLICKS for axis in zip(*clicks, strict=True)]
+
+
+class Session:
+    """Set up and test; each step is told through `say`."""
+
+    def __init__(self, client: Client, bench: Bench, board: Board, seed: int, say: Say) -> None:
+        self._client, self._bench, self._board, self._say = client, bench, board, say
+        self._random = random.Random(seed)  # noqa: S311  # a repeatable demonstration, not a secret
+        self._seed = seed
+
+    def set_up(self) -> None:
+        """Home, teach the tip, calibrate the map."""
+        self._say("homing")
+        self._must("home")
+        self.teach_tip()
+        mark = choose_mark(self._board)
+        self._say(f"calibrating the map on {mark.name}")
+        self._must("calibrate", what="map", test_point=mark.name, deadline_ms=LONG_MS)
+
+    def teach_tip(self) -> None:
+        """Drive beside the board and point at the needle's end."""
+        self._say("teaching the tip")
+        self._must("place", board_um=[-BESIDE_BOARD_UM, self._board.height_um / 2], theta_deg=0.0)
+        self._must("calibrate", what="tip", tip_px=point_at_tip(self._bench, self._random))
+
+    def calibrate_fully(self, angles: int) -> None:
+        """Calibrate the head's rotation, align the board, and measure the height of its surface."""
+        self._say(f"calibrating the rotation at {angles} angles")
+        self._must("calibrate", what="rotation", angles=angles, deadline_ms=LONG_MS)
+        fiducials = choose_fiducials(self._board)
+        if fiducials:
+            self._say("aligning the board")
+            self._must("align", fiducials=[p.name for p in fiducials], deadline_ms=LONG_MS)
+        if len(self._board.test_points()) >= LEAST_TOUCHED:
+            self._say("measuring the surface")
+            self._must("calibrate", what="surface", deadline_ms=LONG_MS)
+
+    def land(self, point: BoardPoint) -> Landing:
+        """Put the head over a test point with all its errors, say "open", and ask the truth before and after."""
+        theta_deg = self._angle()
+        self._must("place", test_point=point.name, theta_deg=theta_deg)
+        before_um = self._truth_um(point)
+        result = self._client.job("correct", job_id=f"{point.name}-seed{self._seed}", test_point=point.name)
+        after_um = self._truth_um(point)
+        retest = "pass" if after_um <= LIMIT_UM else "open"
+        self._client.request("report", id=result.id, retest=retest, touches=1)
+        return Landing(point, theta_deg, before_um, after_um, result)
+
+    def _must(self, op: str, **fields: Any) -> JobResult:
+        result = self._client.job(op, timeout_s=LONG_MS / 1e3, **fields)
+        if result.error is not None:
+            raise SetUpError(f"{op} failed: {result.error.message} ({result.error.name}); {result.error.advice}")
+        return result
+
+    def _angle(self) -> float:
+        """Draw an allowed head angle that the motor can stand at: a multiple of 0.05625 degrees."""
+        low, high = self._random.choice(ANGLES_DEG)
+        return round(self._random.uniform(low, high) / 0.05625) * 0.05625 % 360.0
+
+    def _truth_um(self, point: BoardPoint) -> float:
+        """Return how far the tip really is from the pad's real centre."""
+        targets = self._bench.ask("truth")["targets"]
+        errors = [t["error_um"] for t in targets if t["name"] == point.name]
+        return float(errors[0]) if errors else float("inf")

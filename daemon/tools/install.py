@@ -1,0 +1,158 @@
+"""Lay out what the service manager needs: units, user, folders, device rules. Twice is the same as once.
+
+Files that are the package's own are brought up to date; what a person edits (`station.toml`, the device rules) is
+written once and never touched again.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from daemon.platform.atomic_file import replace_whole
+from daemon.tools.demo.settings import Places, write_settings
+
+PREFIX = Path("/opt/reprobe")
+"""Where the units expect the program's virtual environment."""
+OURS = {
+    "reprobe.service": "usr/local/lib/systemd/system/reprobe.service",
+    "reprobe.sysusers.conf": "usr/local/lib/sysusers.d/reprobe.conf",
+    "reprobe.tmpfiles.conf": "usr/local/lib/tmpfiles.d/reprobe.conf",
+    "station.example.toml": "etc/reprobe/station.example.toml",
+}
+"""Brought up to date each time."""
+OURS_ON_A_BENCH = {
+    "reprobe-sim.service": "usr/local/lib/systemd/system/reprobe-sim.service",
+    "bench.conf": "etc/systemd/system/reprobe.service.d/bench.conf",
+}
+THEIRS = {"70-reprobe.rules": "etc/udev/rules.d/70-reprobe.rules"}
+"""Written once."""
+FOLDERS = {
+    "etc/reprobe": 0o755,
+    "etc/reprobe/keys": 0o700,
+    "etc/reprobe/keys/clients": 0o700,
+    "etc/credstore": 0o700,
+}
+KEY_LINK, KEY = "etc/credstore/reprobe.server.key", "/etc/reprobe/keys/server.key"
+STATION = "etc/reprobe/station.toml"
+BENCH_BOARD = "etc/reprobe/bench-board"
+FILE_MODE = 0o644
+
+
+class InstallError(Exception):
+    """Something could not be laid out; the message says what and why."""
+
+
+@dataclass(frozen=True)
+class Placed:
+    """One file and what became of it."""
+
+    path: Path
+    how: Literal["written", "brought up to date", "as it was", "yours, left alone"]
+
+
+def shipped() -> Path:
+    """Return the folder of the files to lay out: in an installed package beside this module, else in the checkout."""
+    here = Path(__file__).parents[1]
+    for folder in (here / "units", here.parent / "systemd"):
+        if (folder / "reprobe.service").is_file():
+            return folder
+    raise InstallError("this package was installed without its units; install it from a wheel or a checkout")
+
+
+def lay_out(root: Path, prefix: Path = PREFIX, *, bench: bool = False) -> list[Placed]:
+    """Lay everything out below `root`; `prefix` is where the program is on the finished system.
+
+    `bench`: with the simulated station and a configuration for it. Raises `InstallError`.
+    """
+    if not prefix.is_absolute():
+        raise InstallError(f"the prefix {prefix} is not an absolute path")
+    try:
+        return list(_lay_out(root, prefix, bench=bench))
+    except OSError as exc:
+        raise InstallError(f"{exc.filename or root}: {exc.strerror}") from exc
+
+
+def _lay_out(root: Path, prefix: Path, *, bench: bool) -> Iterator[Placed]:
+    source = shipped()
+    for folder, mode in FOLDERS.items():
+        _folder(root / folder, mode)
+    for name, where in (OURS | OURS_ON_A_BENCH if bench else OURS).items():
+        text = (source / name).read_text(encoding="utf-8")
+        yield _ours(root / where, text.replace(f"{PREFIX}/", f"{prefix}/"))
+    for name, where in THEIRS.items():
+        yield _theirs(root / where, (source / name).read_text(encoding="utf-8"))
+    link = root / KEY_LINK
+    if link.is_symlink() or link.exists():
+        yield Placed(link, "as it was")
+    else:
+        link.symlink_to(KEY)
+        yield Placed(link, "written")
+    if bench:
+        yield from _bench(root)
+
+
+def _bench(root: Path) -> Iterator[Placed]:
+    """Lay out the simulated station's board and a configuration that reaches it."""
+    # With the extra `sim` only; found, never imported: it is reached by its wires.
+    spec = importlib.util.find_spec("sim_hw")
+    if spec is None or spec.origin is None or importlib.util.find_spec("gerbonara") is None:
+        raise InstallError("the simulated station is not installed; pip install 'reprobe[sim]'")
+    from daemon.tools.cad_import import import_board  # noqa: PLC0415  # needs the extra
+
+    cad = Path(spec.origin).parent / "demo_board"
+    for file in sorted(cad.iterdir()):
+        yield _ours(root / BENCH_BOARD / file.name, file.read_text(encoding="utf-8"))
+    board = json.dumps(import_board(cad, "top").model_dump(mode="json"), indent=1)
+    yield _theirs(root / "etc/reprobe/board.json", board + "\n")
+    yield _theirs(root / STATION, _bench_station())
+
+
+def _bench_station() -> str:
+    """Return the demonstration's configuration with a service's places."""
+    with tempfile.TemporaryDirectory() as draft:
+        text = write_settings(Places(Path(draft), Path("/run/reprobe-sim"))).read_text(encoding="utf-8")
+    for old, new in (
+        ("Written by `reprobe demo`.", "Written by `reprobe install --bench`."),
+        ('name = "demo"', 'name = "bench"'),
+        ('data_dir = "station"', 'data_dir = "/var/lib/reprobe"'),
+        ("ipc:///run/reprobe-sim/control", "tcp://127.0.0.1:5555"),
+        ("ipc:///run/reprobe-sim/events", "tcp://127.0.0.1:5556"),
+    ):
+        text = text.replace(old, new)
+    return text
+
+
+def _folder(path: Path, mode: int) -> None:
+    """Make a folder of that mode; one that is there keeps the mode it has."""
+    if not path.is_dir():
+        path.mkdir(parents=True)
+        path.chmod(mode)
+
+
+def _ours(path: Path, text: str) -> Placed:
+    before = path.read_text(encoding="utf-8") if path.is_file() else None
+    if before == text:
+        return Placed(path, "as it was")
+    _write(path, text)
+    return Placed(path, "written" if before is None else "brought up to date")
+
+
+def _theirs(path: Path, text: str) -> Placed:
+    if path.exists():
+        return Placed(path, "yours, left alone")
+    _write(path, text)
+    return Placed(path, "written")
+
+
+def _write(path: Path, text: str) -> None:
+    def write(beside: Path) -> None:
+        beside.write_text(text, encoding="utf-8")
+        beside.chmod(FILE_MODE)
+
+    replace_whole(path, write)

@@ -1,0 +1,1 @@
+"""What is said on the sockets: requests, replies, events, keys."""

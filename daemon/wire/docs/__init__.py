@@ -1,0 +1,1 @@
+"""The wire's own documents, made from its models."""

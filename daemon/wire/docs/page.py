@@ -1,0 +1,194 @@
+"""The page `wire.md`: operations, events, errors, roles and limits, as tables made from the models."""
+
+from __future__ import annotations
+
+import inspect
+import json
+from collections.abc import Iterable
+from typing import Any, Final, get_args
+
+from pydantic import BaseModel
+
+from daemon.config.model import ApiSection
+from daemon.domain.errors import Kind
+from daemon.domain.roles import ROLES, least_role
+from daemon.server.control_socket import HARD_LIMIT, MAX_HELD, MAX_PENDING
+from daemon.server.event_publisher import SEND_QUEUE
+from daemon.wire.docs import examples as wire_examples
+from daemon.wire.docs import text as wire_words
+from daemon.wire.events import TOPICS, Event
+from daemon.wire.replies import REPLIES, AnyReply, Refusal, Reply
+from daemon.wire.requests import OPS, VERSIONS, AnyRequest, Request
+
+LIMITS: Final = ("max_message_bytes", "rate_per_s", "rate_burst", "queue_length", "queue_per_client", "heartbeat_s")
+
+
+def page() -> str:
+    """Return the whole page."""
+    parts = [
+        wire_words.INTRO, wire_words.VERSIONS, f"Versions spoken: {', '.join(map(str, VERSIONS))}.\n",
+        _envelopes(), wire_words.JOBS, wire_words.LATE, wire_words.KEYS, _roles(), _limits(),
+        "## Operations\n", *(_operation(op) for op in OPS),
+        "## Events\n", *(_event(topic, model) for topic, model in TOPICS.items()), _inner(), _errors(),
+    ]  # fmt: skip
+    return "\n".join(parts)
+
+
+def requests() -> dict[str, type[BaseModel]]:
+    """Return operation -> its request."""
+    return {model.model_fields["op"].annotation.__args__[0]: model for model in get_args(AnyRequest)}
+
+
+def _envelopes() -> str:
+    refusal = Refusal.model_validate(wire_examples.REFUSAL)
+    return "\n".join(
+        (
+            "## What every message carries\n", "Every request:\n", _fields(Request),
+            "Every reply; `ok` tells a good one from a refusal, which carries `error` instead of the rest:\n",
+            _fields(Reply), "Every event:\n", _fields(Event), "A refusal:\n", _json(json.loads(refusal.to_json())),
+        )
+    )  # fmt: skip
+
+
+def _roles() -> str:
+    rows = [(role, ", ".join(f"`{op}`" for op in OPS if least_role(op) == role)) for role in ROLES]
+    said = [f"| {role} | {'all of the above and ' if n else ''}{ops} |" for n, (role, ops) in enumerate(rows)]
+    return _table(("role", "may ask")) + "\n".join(said) + "\n\nAll roles hear the events.\n"
+
+
+def _limits() -> str:
+    api = ApiSection()
+    fields = ApiSection.model_fields
+    rows = [(f"`api.{name}`", str(getattr(api, name)), fields[name].description or "") for name in LIMITS]
+    rows += [
+        ("", str(HARD_LIMIT), "bytes beyond which a connection is cut without an answer"),
+        ("", str(MAX_HELD), "replies held at once for one client that waits"),
+        ("", str(MAX_PENDING), "the same for all"),
+        ("", str(SEND_QUEUE), "events held for a slow subscriber"),
+    ]
+    body = "\n".join(f"| {' | '.join(row)} |" for row in rows)
+    return f"## Limits\n\n{_table(('setting', 'default', 'what'))}{body}\n"
+
+
+def _operation(op: str) -> str:
+    model, reply = requests()[op], REPLIES[op]
+    answer = reply.model_validate(wire_examples.reply(op))
+    return "\n".join(
+        (
+            f"### {op}\n", f"{_doc(model)} Role: {least_role(op)}.\n", _fields(model, beyond=Request),
+            _json(wire_examples.request(op)), f"Reply: {_doc(reply)}\n", _fields(reply, beyond=Reply),
+            _json(json.loads(answer.to_json())),
+        )
+    )  # fmt: skip
+
+
+def _event(topic: str, model: type[Event]) -> str:
+    example = model.model_validate(wire_examples.event(topic))
+    return "\n".join(
+        (f"### {topic}\n", f"{_doc(model)}\n", _fields(model, beyond=Event), _json(example.model_dump(mode="json")))
+    )
+
+
+def _inner() -> str:
+    """Return the models that stand inside of others."""
+    found: dict[str, dict[str, Any]] = {}
+    models: tuple[type[BaseModel], ...] = (*REPLIES.values(), *TOPICS.values(), Refusal)
+    for model in models:
+        found |= model.model_json_schema(mode="serialization").get("$defs", {})
+    parts = ["## Parts\n"]
+    for name, schema in sorted(found.items()):
+        parts += [f"### {name}\n", f"{_plain(schema.get('description', ''))}\n", _rows(schema, set())]
+    return "\n".join(parts)
+
+
+def _errors() -> str:
+    rows = [
+        f"| {k.code} | `{k.wire_name}` | {k.value.cause} | {k.value.advice} | {'yes' if k.latched else ''} |"
+        for k in sorted(Kind, key=lambda k: k.code)
+    ]
+    head = (
+        "## Errors\n\n1xxx the request, 2xxx seeing, 3xxx motion, 4xxx link, light and camera, 5xxx safety, 9xxx the "
+        "daemon itself. A latched one keeps the daemon in `fault` until a person acts.\n\n"
+    )
+    return head + _table(("code", "name", "cause", "cure", "latched")) + "\n".join(rows) + "\n"
+
+
+def _doc(model: type[BaseModel]) -> str:
+    return _plain(inspect.getdoc(model) or "")
+
+
+def _plain(text: str) -> str:
+    return " ".join(text.split())
+
+
+def _fields(model: type[BaseModel], beyond: type[BaseModel] | None = None) -> str:
+    """Return a model's fields as a table, leaving out those of the base it shares with others."""
+    shared = set(beyond.model_fields) if beyond is not None else set()
+    mode = "serialization" if issubclass(model, AnyReply | Event) else "validation"
+    return _rows(model.model_json_schema(mode=mode), (shared - {"id"}) | {"op"})  # type: ignore[arg-type]
+
+
+def _rows(schema: dict[str, Any], leave_out: Iterable[str]) -> str:
+    properties = {name: facts for name, facts in schema.get("properties", {}).items() if name not in set(leave_out)}
+    if not properties:
+        return "No fields of its own.\n"
+    required = set(schema.get("required", ()))
+    rows = [
+        f"| `{name}` | {_type(facts)} | {_default(name, facts, required)} | {facts.get('description', '')} |"
+        for name, facts in properties.items()
+    ]
+    return _table(("field", "type", "default", "meaning")) + "\n".join(rows) + "\n"
+
+
+def _default(name: str, facts: dict[str, Any], required: set[str]) -> str:
+    return "" if name in required or "default" not in facts else f"`{json.dumps(facts['default'])}`"
+
+
+def _type(facts: dict[str, Any]) -> str:
+    """Say a type in a few words."""
+    if "$ref" in facts:
+        name = facts["$ref"].rsplit("/", 1)[1]
+        return f"[{name}](#{name.lower()})"
+    if "anyOf" in facts:
+        return " or ".join(_type(option) for option in facts["anyOf"])
+    if "const" in facts:
+        return f"`{json.dumps(facts['const'])}`"
+    if "enum" in facts:
+        return ", ".join(f"`{word}`" for word in facts["enum"])
+    kind = str(facts.get("type", "any"))
+    if kind == "array":
+        return _array(facts)
+    if kind == "object" and isinstance(facts.get("additionalProperties"), dict):
+        return f"object of {_type(facts['additionalProperties'])}"
+    return f"{kind}{_range(facts)}"
+
+
+def _array(facts: dict[str, Any]) -> str:
+    low, high = facts.get("minItems"), facts.get("maxItems")
+    if "prefixItems" in facts:
+        return f"array of {len(facts['prefixItems'])} {_type(facts['prefixItems'][0])}"
+    count = f", {low} to {high} of them" if low is not None and high is not None else ""
+    return f"array of {_type(facts.get('items', {}))}{count}"
+
+
+def _range(facts: dict[str, Any]) -> str:
+    """Say a number's or a text's bounds."""
+    low = facts.get("minimum", facts.get("minLength"))
+    high = facts.get("maximum", facts.get("maxLength", facts.get("exclusiveMaximum")))
+    unit = " letters" if "maxLength" in facts else ""
+    if high is not None:
+        below = "below " if "exclusiveMaximum" in facts else ""
+        return f", {_number(low or 0)} to {below}{_number(high)}{unit}"
+    return f", {_number(low)} or more" if low is not None else ""
+
+
+def _number(value: float) -> str:
+    return f"{value:.15g}"
+
+
+def _table(columns: tuple[str, ...]) -> str:
+    return f"| {' | '.join(columns)} |\n|{'---|' * len(columns)}\n"
+
+
+def _json(value: Any) -> str:
+    return f"```json\n{json.dumps(value)}\n```\n"

@@ -1,0 +1,86 @@
+"""The wire in writing, made from the models: JSON Schemas and the page `wire.md`.
+
+What is documented is what is spoken: requests are validated by these models, replies and events are built of them, and
+a test compares the files in the repository with what this makes.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from pydantic import BaseModel, TypeAdapter
+from pydantic.json_schema import JsonSchemaMode
+
+from daemon.platform.atomic_file import replace_whole
+from daemon.wire.docs.page import page
+from daemon.wire.events import TOPICS
+from daemon.wire.replies import REPLIES, JobReply, Refusal
+from daemon.wire.requests import REQUESTS, AnyRequest
+
+DIALECT: Final = "https://json-schema.org/draft/2020-12/schema"
+
+
+def schemas() -> dict[str, dict[str, Any]]:
+    """Return name -> JSON Schema of a request, of each operation's reply, of an event, and of the refusal."""
+    return {
+        "request": _schema(REQUESTS, "A request", "validation"),
+        "reply": _by_key("A good reply, by the operation asked", "op", REPLIES),
+        "event": _by_key("An event, by its topic", "topic", TOPICS),
+        "error": _schema(TypeAdapter(Refusal), "A refusal", "serialization"),
+    }
+
+
+def write(folder: Path) -> list[Path]:
+    """Write `wire.md` and `schema/*.schema.json` into a folder; return what was written."""
+    texts = {folder / "wire.md": page()} | {
+        folder / "schema" / f"{name}.schema.json": json.dumps(schema, indent=1, sort_keys=True) + "\n"
+        for name, schema in schemas().items()
+    }
+    for path, text in texts.items():
+        _put(path, text)
+    return list(texts)
+
+
+def _always(definition: dict[str, Any]) -> Iterable[str]:
+    """Return fields that have a default but are said all the same; only `id` and `result` of a reply are left out."""
+    optional = JobReply.ABSENT if "version" in definition.get("properties", {}) else frozenset[str]()
+    return set(definition.get("properties", {})) - optional
+
+
+def _put(path: Path, text: str) -> None:
+    def put(beside: Path) -> None:
+        beside.write_text(text)
+        beside.chmod(0o644)
+
+    replace_whole(path, put)
+
+
+def _schema(adapter: TypeAdapter[Any] | TypeAdapter[AnyRequest], title: str, mode: JsonSchemaMode) -> dict[str, Any]:
+    return {"$schema": DIALECT, "title": title, **adapter.json_schema(mode=mode)}
+
+
+def _by_key(title: str, key: str, models: Mapping[str, type[BaseModel]]) -> dict[str, Any]:
+    """Return one schema whose `$defs` hold all models; `x-by-<key>` says which is whose.
+
+    More fields may come (see the page), so that none of these forbids what it does not know.
+    """
+    schemas = {}
+    definitions: dict[str, Any] = {}
+    for model in dict.fromkeys(models.values()):
+        schema = model.model_json_schema(mode="serialization")
+        definitions |= schema.pop("$defs", {})
+        schemas[model.__name__] = schema
+    definitions |= schemas
+    for definition in definitions.values():
+        definition.pop("additionalProperties", None)
+        definition["required"] = sorted({*definition.get("required", ()), *_always(definition)})
+    return {
+        "$schema": DIALECT,
+        "title": title,
+        "anyOf": [{"$ref": f"#/$defs/{name}"} for name in schemas],
+        f"x-by-{key}": {name: f"#/$defs/{model.__name__}" for name, model in models.items()},
+        "$defs": definitions,
+    }

@@ -1,0 +1,1 @@
+"""The board that lies on the bench, read from its Gerber files."""

@@ -1,0 +1,1 @@
+"""The serial line, its frames, and the light relay on it."""

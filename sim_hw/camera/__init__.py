@@ -1,0 +1,1 @@
+"""The camera: its queue, its controls, its socket."""

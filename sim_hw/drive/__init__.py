@@ -1,0 +1,1 @@
+"""A stepper drive: dictionary, power states, modes, slave."""

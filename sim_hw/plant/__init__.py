@@ -1,0 +1,1 @@
+"""What is true: axes, pose, needle, lamps, faults; time is an argument."""

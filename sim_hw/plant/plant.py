@@ -1,0 +1,177 @@
+"""The truth: where the axes, the tip and the board really are and how bright the lamps are, at any time.
+
+Nothing here sleeps or looks at a clock; time is an argument. What is NOT modelled: vibration after a stop, thermal
+drift, axes that are not square, jerk; what a pressed probe does to the things it touches: its force, friction and
+sideways walk, a board that gives way. A pin at the end of its travel goes on into the surface.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from sim_hw.plant.axis import SPECS, Axis, AxisSpec
+from sim_hw.plant.card import CardPose
+from sim_hw.plant.faults import Faults
+from sim_hw.plant.knobs import Knobs
+from sim_hw.plant.lamp import Lamp
+from sim_hw.plant.pose import TOUCH_Z_UM, BoardPose, Placement
+from sim_hw.plant.runout import tip_offset_um
+
+__all__ = ["BoardPose", "CardPose", "HeadState", "Knobs", "Placement", "Plant", "head_angle_deg"]
+
+
+@dataclass(frozen=True)
+class HeadState:
+    """What is physically true at a moment."""
+
+    x_um: float
+    y_um: float
+    z_um: float
+    #: Head angle, 0..360.
+    theta_deg: float
+    #: The end of a straight needle in the robot frame, run-out included; the `bent` fault is added by the truth log.
+    tip_x_um: float
+    tip_y_um: float
+    #: The end of the pin, were it free, above the nominal board plane: the head's height.
+    tip_z_um: float
+    #: How far the pin is pushed in.
+    pressed_um: float
+    #: The end of the pin above the real surface at that place: 0 when pressed, below 0 past the pin's travel.
+    tip_height_um: float
+    #: Light levels 0..1.
+    white: float
+    red: float
+    moving: bool
+
+
+def head_angle_deg(axis_deg: float) -> float:
+    """Return the head angle 0..360 of a position of the theta axis (-220..100)."""
+    return axis_deg % 360.0
+
+
+class Plant:
+    """Own the axes, the lamps and the board; everything random comes from the seed."""
+
+    def __init__(self, knobs: Knobs, placement: Placement, faults: Faults, seed: int) -> None:
+        self.knobs = knobs
+        self.placement = placement
+        self.faults = faults
+        self.seed = seed
+        self.board_pose = BoardPose.drawn(knobs, seed)
+        self.card_pose = CardPose.drawn(knobs, seed)
+        self.axes = {spec.name: Axis(spec, self._start(spec), self._rng(f"{spec.name}/stop")) for spec in SPECS}
+        self.lamps = {name: Lamp(self._rng(f"{name}/contact")) for name in ("white", "red")}
+        #: Called with (t_s, event, facts) for what the truth log keeps.
+        self.note: Callable[[float, str, Mapping[str, object]], None] = lambda _t_s, _event, _facts: None
+        self._listeners: list[Callable[[], None]] = []
+
+    def listen(self, listener: Callable[[], None]) -> None:
+        """Call `listener()` whenever a motion or a light is ordered."""
+        self._listeners.append(listener)
+
+    def changed(self) -> None:
+        """Tell the listeners that something was ordered."""
+        for listener in self._listeners:
+            listener()
+
+    def set_knob(self, name: str, value: object) -> None:
+        """Turn one knob; those of board and card move it at once, the others count from their next use.
+
+        Raises:
+            ValueError: no such knob or an unfit value.
+
+        """
+        self.knobs = self.knobs.with_value(name, value)
+        self.board_pose = BoardPose.drawn(self.knobs, self.seed)
+        self.card_pose = CardPose.drawn(self.knobs, self.seed)
+        self.changed()
+
+    def backlash(self, axis: str) -> float:
+        """Return the play of an axis, um or degrees."""
+        return float(getattr(self.knobs, f"{axis}_backlash_{_unit(axis)}"))
+
+    def stop_sigma(self, axis: str) -> float:
+        """Return the spread of the error one stop of an axis draws, um or degrees."""
+        if axis in ("x", "y"):
+            return self.knobs.repeatability_um / math.sqrt(2.0)
+        return float(getattr(self.knobs, f"{axis}_repeatability_{_unit(axis)}"))
+
+    def home_sigma(self, axis: str) -> float:
+        """Return the spread with which a homing finds its edge, um or degrees."""
+        return self.knobs.theta_home_repeatability_deg if axis == "theta" else self.knobs.home_repeatability_um
+
+    def switch_lamp(self, name: str, t_s: float, *, on: bool) -> None:
+        """Energise or release the relay coil of a lamp."""
+        self.lamps[name].switch(t_s, self.knobs, on=on)
+        self.note(t_s, "light", {"lamp": name, "on": on})
+        self.changed()
+
+    def light(self, name: str, t_s: float) -> float:
+        """Return the level 0..1 of a lamp; a dead one stays dark."""
+        return 0.0 if self.faults.hits("dead_lamp", "lamp", name) else self.lamps[name].level(t_s)
+
+    def rest_s(self) -> float:
+        """Return the time from which all axes rest, as far as is ordered."""
+        return max(axis.rest_s for axis in self.axes.values())
+
+    def state_at(self, t_s: float) -> HeadState:
+        """Return the truth at any simulated time within the past half minute, or ahead as far as is ordered."""
+        x_um, y_um, z_um, axis_deg = (self.axes[name].position(t_s) for name in ("x", "y", "z", "theta"))
+        theta_deg = head_angle_deg(axis_deg)
+        offset_x_um, offset_y_um = tip_offset_um(theta_deg, self.knobs.head_runout_scale)
+        tip = (x_um + offset_x_um, y_um + offset_y_um)
+        free_um = z_um - TOUCH_Z_UM
+        above_um = free_um - self.surface_um(tip)
+        pressed_um = max(0.0, min(-above_um, self.knobs.pin_travel_um))
+        return HeadState(
+            x_um=x_um,
+            y_um=y_um,
+            z_um=z_um,
+            theta_deg=theta_deg,
+            tip_x_um=tip[0],
+            tip_y_um=tip[1],
+            tip_z_um=free_um,
+            pressed_um=pressed_um,
+            tip_height_um=above_um + pressed_um,
+            white=self.light("white", t_s),
+            red=self.light("red", t_s),
+            moving=any(axis.moving(t_s) for axis in self.axes.values()),
+        )
+
+    @property
+    def card(self) -> CardPose | None:
+        """Return where the control-point card lies, or None while it is gone."""
+        return None if self.faults.on("card_gone") else self.card_pose
+
+    def surface_um(self, place_um: tuple[float, float]) -> float:
+        """Return the height of what lies at a place of the robot frame, card or board plane, above the nominal one."""
+        card = self.card
+        if card is not None and card.covers(place_um):
+            return card.dz_um
+        return self.board_pose.height_um(place_um, self.placement.centre_um)
+
+    def to_real_um(self, x_mm: float, y_mm: float) -> tuple[float, float]:
+        """Return where a CAD place (mm) really is in the robot frame."""
+        return self.board_pose.apply(self.placement.to_robot_um(x_mm, y_mm), self.placement.centre_um)
+
+    def to_cad_mm(self, x_um: float, y_um: float) -> tuple[float, float]:
+        """Return which CAD place (mm) really lies at a place of the robot frame: the inverse of `to_real_um`."""
+        return self.placement.to_cad_mm(*self.board_pose.undo((x_um, y_um), self.placement.centre_um))
+
+    def _rng(self, purpose: str) -> random.Random:
+        return random.Random(f"{self.seed}/{purpose}")
+
+    def _start(self, spec: AxisSpec) -> float:
+        """Return where an axis stands at power-up."""
+        rng = self._rng(f"{spec.name}/start")
+        ranges = {"x": (5e3, 15e3), "y": (5e3, 15e3), "z": (20e3, 29e3), "theta": (-200.0, 80.0)}
+        drawn = rng.uniform(*ranges[spec.name])
+        knob = getattr(self.knobs, f"{spec.name}_start_{_unit(spec.name)}")
+        return drawn if knob is None else float(knob)
+
+
+def _unit(axis: str) -> str:
+    return "deg" if axis == "theta" else "um"

@@ -1,0 +1,110 @@
+"""The live view is right after any order of snapshot, events, gaps and restarts."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rich.console import Console
+
+from daemon.cli.watch_view import SILENT_S, View
+from daemon.platform.clock import utc_now
+from daemon.wire.requests import JobResult
+
+SNAPSHOT: dict[str, Any] = {
+    "station": "s1", "state": "idle", "fault": None, "running": None, "queued": 0, "next_seq": 10, "last_result": None,
+    "calibration": {"made_at": {"map": utc_now()}},
+    "links": {
+        "buses": {"main": {"connected": 1, "requests": 5, "timeouts": 0, "garbled": 0, "reconnects": 0}},
+        "camera": {"grabbed": 100, "missed": 3, "timeouts": 0, "reopened": 0},
+    },
+}  # fmt: skip
+
+
+def _view() -> View:
+    view = View()
+    view.take_snapshot(SNAPSHOT, 0.0)
+    return view
+
+
+def _event(topic: str, seq: int, **body: Any) -> dict[str, Any]:
+    return {"topic": topic, "seq": seq, "time": utc_now(), "station": "s1", "v": 1, **body}
+
+
+def _result(seq: int, point: str) -> dict[str, Any]:
+    result = JobResult(id=f"j{seq}", op="correct", ok=True, seq=seq, station="s1", finished_at=utc_now(),
+                       outcome="corrected", test_point=point, error_before_um=90.0, error_after_um=5.0)  # fmt: skip
+    return _event("result", **result.model_dump(mode="json", exclude={"station"}))
+
+
+def _text(view: View, now_s: float = 1.0) -> str:
+    console = Console(width=120, record=True, file=open("/dev/null", "w"))  # noqa: PTH123, SIM115
+    with console.file:
+        console.print(view.render(now_s))
+        return console.export_text()
+
+
+def test_before_anything_is_heard_it_says_so() -> None:
+    assert "no daemon answers yet" in _text(View())
+
+
+def test_snapshot_and_events_make_one_picture() -> None:
+    view = _view()
+    assert not view.take(_event("state", 10, state="look", was="idle", event="x", job="j1", fault=None), 1.0)
+    view.take(_event("progress", 11, job="j1", op="calibrate", done=3, total=8, doing="mapping"), 1.0)
+    view.take(_event("alert", 12, name="tip_wear", raised=True, message="the tip is [worn]"), 1.0)
+    shown = _text(view)
+    for words in ("look", "3/8", "mapping", "tip_wear", "the tip is [worn]", "bus main: connected", "3 missed", "map"):
+        assert words in shown
+    view.take(_result(13, "TP7"), 1.0)
+    view.take(_event("alert", 14, name="tip_wear", raised=False), 1.0)
+    shown = _text(view)
+    assert "TP7, 90 -> 5 um" in shown
+    assert "no job runs" in shown
+    assert "no alerts" in shown
+
+
+def test_missed_events_are_counted_and_a_snapshot_is_asked_for() -> None:
+    view = _view()
+    assert view.take(_event("heartbeat", 15, state="idle", version="1"), 1.0)
+    assert (view.missed, view.last_gap) == (5, (10, 14))
+    assert "5 events missed, last 10..14" in _text(view)
+    assert not view.take(_event("heartbeat", 16, state="idle", version="1"), 1.0)
+
+
+def test_an_event_older_than_the_snapshot_changes_nothing() -> None:
+    view = _view()
+    assert not view.take(_event("state", 8, state="fault", was="x", event="x", job=None, fault=None), 1.0)
+    assert (view.state, view.missed, view.next_seq) == ("idle", 0, 10)
+
+
+def test_a_daemon_that_is_gone_is_said_to_be_and_one_that_is_back_is_asked() -> None:
+    view = _view()
+    later_s = SILENT_S + 2.0
+    assert "nothing heard for" in _text(view, later_s)
+    assert view.take(_event("heartbeat", 10, state="fault", version="2"), later_s)
+    assert view.state == "fault"
+    assert "nothing heard" not in _text(view, later_s)
+
+
+def test_a_journal_begun_anew_is_no_gap() -> None:
+    view = _view()
+    assert view.take(_event("heartbeat", 1, state="fault", version="2"), SILENT_S + 1.0)
+    assert (view.missed, view.next_seq) == (0, 2)
+
+
+def test_results_that_were_replayed_stand_once_and_in_their_place() -> None:
+    view = _view()
+    view.take(_result(10, "TP3"), 1.0)
+    for seq in (10, 8):
+        body = {name: value for name, value in _result(seq, f"TP{seq}").items() if name in JobResult.model_fields}
+        view.take_result(JobResult.model_validate(body))
+    assert [result.seq for result in view.results] == [8, 10]
+
+
+def test_an_event_that_was_overtaken_is_taken_and_is_no_gap() -> None:
+    view = _view()
+    view.take(_event("heartbeat", 11, state="idle", version="1"), 1.0)
+    assert view.missed == 1
+    assert not view.take(_result(10, "TP7"), 1.0)
+    assert (view.missed, [result.seq for result in view.results], view.next_seq) == (0, [10], 12)
+    assert "missed, last" not in _text(view)

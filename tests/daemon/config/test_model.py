@@ -1,0 +1,74 @@
+"""A configuration is right as a whole or refused with every fault named."""
+
+from pathlib import Path
+
+import pytest
+
+from daemon.config.model import Config, ConfigError, load_config
+from daemon.tools.demo.settings import Places, write_settings
+
+EXAMPLE = Path(__file__).parents[3] / "systemd" / "station.example.toml"
+
+
+def _changed(tmp_path: Path, *changes: tuple[str, str]) -> Path:
+    text = EXAMPLE.read_text()
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new, 1)
+    path = tmp_path / "station.toml"
+    path.write_text(text)
+    return path
+
+
+def _problems(path: Path) -> dict[str, str]:
+    with pytest.raises(ConfigError) as caught:
+        load_config(path)
+    return dict(caught.value.problems)
+
+
+def test_the_example_is_good() -> None:
+    config = load_config(EXAMPLE)
+    assert config.axes.theta.maximum == 100.0
+    assert config.board.file == EXAMPLE.parent / "board.json"
+
+
+def test_the_demonstration_writes_a_good_one(tmp_path: Path) -> None:
+    config = load_config(write_settings(Places(tmp_path, tmp_path)))
+    assert isinstance(config, Config)
+    assert config.bus["main"].port == str(tmp_path / "bus")
+
+
+def test_all_faults_are_told_at_once_with_their_paths(tmp_path: Path) -> None:
+    path = _changed(
+        tmp_path,
+        ("address = 1", "address = 900"),
+        ("baudrate = 115200", 'baudrate = "fast"'),
+        ("exposure_us = 20000", "exposure_us = 20000\nshutter = 3"),
+    )
+    assert set(_problems(path)) == {"axes.x.address", "bus.main.baudrate", "camera.shutter"}
+
+
+@pytest.mark.parametrize(
+    ("change", "where", "what"),
+    [
+        (("minimum = 0.0", ""), "axes.x.minimum", "required"),
+        (("minimum = 0.0", "minimum = 300000.0"), "axes.x", "not below"),
+        (("minimum = 0.0", "minimum = nan"), "axes.x.minimum", "finite"),
+        (('bus = "main"', 'bus = "other"'), "(cross-check)", "axes.x.bus"),
+        (("work_z_um = 5200.0", "work_z_um = 4200.0"), "gantry", "touch_z_um <= work_z_um"),
+        (("safe_z_um = 12000.0", "safe_z_um = 42000.0"), "(cross-check)", "axes.z"),
+        (("red = 1", "red = 0"), "lights", "same switch"),
+        (('device = "/dev/reprobe-camera"', ""), "camera", "needs device"),
+        (('port = "/dev/reprobe-bus"', ""), "bus.main", "either port or host"),
+        (("[gantry]", '[api]\ncontrol = "tcp://0.0.0.0:5555"\n[gantry]'), "api", "reachable from outside"),
+    ],
+)
+def test_each_bad_value_is_named(tmp_path: Path, change: tuple[str, str], where: str, what: str) -> None:
+    problems = _problems(_changed(tmp_path, change))
+    assert what in problems[where]
+
+
+def test_a_missing_or_torn_file_says_so(tmp_path: Path) -> None:
+    assert "cannot be read" in _problems(tmp_path / "none.toml")["(file)"]
+    (tmp_path / "torn.toml").write_text("[station\nname=")
+    assert "is not TOML" in _problems(tmp_path / "torn.toml")["(file)"]

@@ -1,0 +1,154 @@
+"""The watchdog is fed by a job loop that turns over a job that lives, and by nothing else."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any, cast
+
+import pytest
+
+from daemon.config.model import ServoSection
+from daemon.domain.states import Machine
+from daemon.jobs.runner import Jobs
+from daemon.jobs.watchdog import GRACE_S, SILENT_S, Vigil
+
+
+class Watchdog:
+    """A clock that is set by hand, and a count of meals."""
+
+    def __init__(self) -> None:
+        self.meals = 0
+        self.now_s = 1000.0
+        self.eaten = asyncio.Event()
+
+    def feed(self) -> None:
+        self.meals += 1
+        self.eaten.set()
+
+    def clock(self) -> float:
+        return self.now_s
+
+    def vigil(self, every_s: float = 0.001) -> Vigil:
+        return Vigil(self.feed, every_s, self.clock)
+
+
+def test_a_loop_that_waits_for_work_feeds() -> None:
+    dog = Watchdog()
+    assert dog.vigil().turn()
+    assert dog.meals == 1
+
+
+def test_a_long_job_that_shows_something_is_no_hang() -> None:
+    dog = Watchdog()
+    vigil = dog.vigil()
+    vigil.begin(due_s=dog.now_s + 3600.0)
+    for look in range(60):
+        dog.now_s += SILENT_S / 2
+        assert vigil.turn(look), "an hour of calibration, a look a minute"
+    assert dog.meals == 60
+
+
+def test_a_job_that_shows_nothing_is_a_hang_long_before_its_deadline() -> None:
+    dog = Watchdog()
+    vigil = dog.vigil()
+    vigil.begin(due_s=dog.now_s + 3600.0)
+    assert vigil.turn("a look")
+    dog.now_s += SILENT_S - 1.0
+    assert vigil.turn("a look")
+    dog.now_s += 2.0
+    assert not vigil.turn("a look")
+    assert dog.meals == 2
+    assert vigil.turn("another look"), "it was only slow"
+
+
+def test_a_job_past_its_deadline_is_a_hang_however_busy_it_is() -> None:
+    dog = Watchdog()
+    vigil = dog.vigil()
+    vigil.begin(due_s=dog.now_s + 60.0)
+    dog.now_s += 60.0 + GRACE_S - 1.0
+    assert vigil.turn(1)
+    dog.now_s += 2.0
+    assert not vigil.turn(2)
+    vigil.end()
+    assert vigil.turn(), "the next job is another one's trouble"
+
+
+def _jobs(vigil: Vigil) -> Jobs:
+    nobody = cast("Any", None)
+    jobs = Jobs(Machine(lambda *_: None), nobody, nobody, nobody, "s", ServoSection(), queue_length=4)
+    jobs.vigil = vigil
+    return jobs
+
+
+async def test_the_job_loop_itself_feeds_and_a_loop_that_ended_does_not() -> None:
+    dog = Watchdog()
+    loop = asyncio.create_task(_jobs(dog.vigil()).run())
+    for _ in range(3):
+        dog.eaten.clear()
+        await dog.eaten.wait()
+    loop.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await loop
+    meals = dog.meals
+    for _ in range(100):
+        await asyncio.sleep(0)
+    assert dog.meals == meals, "no task outlives the loop to feed for it"
+
+
+async def test_a_job_loop_stuck_outside_of_a_job_does_not_feed() -> None:
+    dog = Watchdog()
+    jobs = _jobs(dog.vigil())
+    await jobs.between.acquire()  # somebody never lets go of what the loop needs to go on
+    jobs._waiting.put("tester", cast("Any", object()))
+    loop = asyncio.create_task(jobs.run())
+    await dog.eaten.wait()
+    meals = dog.meals
+    assert meals == 1, "once, while it still waited for a job"
+    for _ in range(100):
+        await asyncio.sleep(0)
+    assert dog.meals == meals
+    loop.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await loop
+
+
+async def test_a_job_that_hangs_is_waited_for_and_starves_the_watchdog() -> None:
+    dog = Watchdog()
+    vigil = dog.vigil()
+    vigil.begin(due_s=dog.now_s + 60.0)
+    never = asyncio.get_running_loop().create_future()
+
+    async def hung() -> None:
+        await never
+
+    turns = 0
+    starved = asyncio.Event()
+
+    def sign() -> int:
+        nonlocal turns
+        turns += 1
+        dog.now_s += 10.0
+        if turns == 30:
+            starved.set()
+        return 0
+
+    task = asyncio.create_task(hung())
+    attending = asyncio.create_task(vigil.attend(task, sign))
+    await starved.wait()
+    fed_for = (60.0 + GRACE_S) / 10.0
+    assert dog.meals <= fed_for < turns
+    attending.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await attending
+    assert task.cancelled(), "stopping the daemon reaches it all the same"
+
+
+async def test_a_job_that_fails_ends_the_loop_with_its_error() -> None:
+    vigil = Watchdog().vigil()
+    vigil.begin(due_s=2000.0)
+
+    async def broken() -> None:
+        raise RuntimeError("broken")
+
+    with pytest.raises(RuntimeError, match="broken"):
+        await vigil.attend(asyncio.create_task(broken()), lambda: 0)

@@ -1,0 +1,53 @@
+"""A plan of head angles stands on the motor's steps, inside the allowed range, in the order the axis turns."""
+
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from daemon.domain.errors import Fault, Kind
+from daemon.procedures.calibrate.head_angles import DEFAULT_ANGLES, STEP_DEG, between, plan_angles
+
+WHOLE = (-220.0, 100.0)
+
+
+def _axis(head_deg: float) -> float:
+    return head_deg - 360.0 if head_deg > 100.1 else head_deg
+
+
+@given(st.integers(6, 400), st.floats(-220.0, -100.0), st.floats(0.0, 100.0))
+def test_every_angle_is_one_the_motor_can_stand_at_inside_the_axis_range(n: int, low: float, high: float) -> None:
+    found = plan_angles(n, None, low, high)
+    assert all(abs(a / STEP_DEG - round(a / STEP_DEG)) < 1e-6 for a in found)
+    assert all(low - 1e-6 <= _axis(a) <= high + 1e-6 for a in found)
+    assert not any(100.0 < a < 140.0 for a in found)
+    assert [_axis(a) for a in found] == sorted(_axis(a) for a in found)
+
+
+def test_a_number_of_angles_is_spread_evenly_from_end_to_end() -> None:
+    found = [_axis(a) for a in plan_angles(24, None, *WHOLE)]
+    assert len(found) == 24
+    assert (found[0], found[-1]) == pytest.approx((-220.0, 100.0), abs=STEP_DEG)
+    assert max(b - a for a, b in pairwise(found)) < 320.0 / 23 + 2 * STEP_DEG
+    assert len(plan_angles(None, None, *WHOLE)) == DEFAULT_ANGLES
+
+
+def test_every_degree_is_the_thesis_own_plan_and_its_missing_one() -> None:
+    found = plan_angles(None, 1.0, *WHOLE)
+    assert len(found) == 321
+    assert [_axis(a) for a in found] == pytest.approx([*range(-220, 101)], abs=STEP_DEG)
+
+
+def test_landings_are_tried_between_the_angles_that_were_fitted() -> None:
+    fitted = plan_angles(24, None, *WHOLE)
+    tried = between(fitted, 8)
+    assert len(tried) == 8
+    assert min(abs(_axis(t) - _axis(f)) for t in tried for f in fitted) > 5.0
+    assert len(between(plan_angles(6, None, *WHOLE), 8)) == 5
+
+
+def test_too_few_angles_are_refused_with_their_number() -> None:
+    with pytest.raises(Fault, match="at least 6") as caught:
+        plan_angles(None, 45.0, 0.0, 100.0)
+    assert caught.value.kind is Kind.INVALID_REQUEST

@@ -1,0 +1,219 @@
+"""What was written is found again, and numbers are never given twice."""
+
+import sqlite3
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from daemon.domain.errors import Fault, Kind
+from daemon.platform.clock import utc_now
+from daemon.storage.journal import SEQ_BLOCK, Journal
+from daemon.storage.journal_schema import BASE_TABLES, SCHEMA_VERSION
+from daemon.wire.requests import JobResult
+
+
+def _result(journal: Journal, job_id: str) -> JobResult:
+    return JobResult(
+        id=job_id, op="home", ok=True, seq=journal.take_seq(), station="s", finished_at=utc_now(), outcome="homed"
+    )
+
+
+async def test_a_result_survives_closing(tmp_path: Path) -> None:
+    journal = await Journal.open(tmp_path / "j.sqlite")
+    await journal.reserve_seqs()
+    await journal.add_job("a", "home", "{}")
+    await journal.add_step("a", "move", {"x_um": 1.0})
+    result = _result(journal, "a")
+    await journal.finish_job(result)
+    await journal.close()
+    journal = await Journal.open(tmp_path / "j.sqlite")
+    stored = await journal.job("a")
+    assert stored is not None
+    assert stored.result == result == await journal.last_result()
+    assert await journal.results(since=result.seq, limit=10) == [result]
+    assert await journal.results(since=result.seq + 1, limit=10) == []
+    assert await journal.unfinished() == []
+    await journal.close()
+
+
+async def test_a_job_without_a_result_is_found_at_the_next_start(tmp_path: Path) -> None:
+    journal = await Journal.open(tmp_path / "j.sqlite")
+    await journal.add_job("cut", "correct", "{}")
+    journal._db.close()
+    journal._writer.shutdown()  # as a kill would leave it
+    journal = await Journal.open(tmp_path / "j.sqlite")
+    assert await journal.unfinished() == [("cut", "correct")]
+    await journal.close()
+
+
+async def test_numbers_go_on_after_a_clean_stop_and_never_repeat_after_a_kill(tmp_path: Path) -> None:
+    journal = await Journal.open(tmp_path / "j.sqlite")
+    await journal.reserve_seqs()
+    first = [journal.take_seq() for _ in range(3)]
+    await journal.close()
+    journal = await Journal.open(tmp_path / "j.sqlite")
+    await journal.reserve_seqs()
+    assert journal.take_seq() == first[-1] + 1
+    journal._db.close()
+    journal._writer.shutdown()
+    journal = await Journal.open(tmp_path / "j.sqlite")
+    assert first[-1] + 1 < journal.upcoming_seq <= first[-1] + 1 + SEQ_BLOCK
+    await journal.close()
+
+
+async def test_reports_add_up(tmp_path: Path) -> None:
+    journal = await Journal.open(tmp_path / "j.sqlite")
+    await journal.add_report(None, None, 20)
+    await journal.add_report(None, "pass", 5)
+    assert await journal.touches() == 25
+    await journal.close()
+
+
+def _written(path: Path, version: int, *, old: str = "cut") -> None:
+    """Make a journal as an older version left it."""
+    db = sqlite3.connect(path)
+    db.executescript(BASE_TABLES + f"PRAGMA user_version={version};")
+    db.execute("INSERT INTO meta VALUES ('next_seq', 4711)")
+    db.execute("INSERT INTO jobs(id, op, request, received_at) VALUES (?, 'home', '{}', '2026-01-01')", (old,))
+    db.execute("INSERT INTO reports(at, touches) VALUES ('2026-01-01', 30)")
+    db.execute('INSERT INTO alerts VALUES (7, \'2026-01-01\', \'{"name": "pictures_not_kept", "raised": true}\')')
+    db.commit()
+    db.close()
+
+
+async def test_a_journal_of_version_1_is_brought_up_to_date_where_it_lies(tmp_path: Path) -> None:
+    path = tmp_path / "j.sqlite"
+    _written(path, 1)
+    journal = await Journal.open(path)
+    assert journal.moved_to is None
+    assert journal.upcoming_seq == 4711
+    assert await journal.unfinished() == [("cut", "home")]
+    assert await journal.touches() == 30
+    assert (await journal.alerts(0, 10))[0]["name"] == "pictures_not_kept"
+    assert await journal.add_measurement("2026-11-24T00:00:00", 30, "a", {"numbers": {"noise": [0.5]}}) == 1
+    await journal.close()
+    db = sqlite3.connect(path)
+    assert db.execute("PRAGMA user_version").fetchone() == (SCHEMA_VERSION,)
+    db.close()
+
+
+async def test_a_journal_of_a_newer_version_is_refused_untouched_and_says_what_to_do(tmp_path: Path) -> None:
+    path = tmp_path / "j.sqlite"
+    _written(path, 99)
+    before = path.read_bytes()
+    with pytest.raises(Fault, match="newer version") as caught:
+        await Journal.open(path)
+    assert caught.value.kind is Kind.JOURNAL_FAILED
+    assert "newer program" in caught.value.advice
+    assert [file.name for file in tmp_path.iterdir()] == ["j.sqlite"]
+    assert path.read_bytes() == before
+
+
+def _garbage(path: Path) -> None:
+    path.write_bytes(b"not a database at all" * 100)
+
+
+def _torn_in_the_middle(path: Path) -> None:
+    db = sqlite3.connect(path)
+    db.executescript(BASE_TABLES + "PRAGMA user_version=1;")
+    db.execute("INSERT INTO meta VALUES ('open', 1), ('next_seq', 5)")
+    db.executemany("INSERT INTO reports(at, touches) VALUES (?, 1)", [("x" * 200,)] * 500)
+    db.commit()
+    db.close()
+    with path.open("r+b") as file:
+        file.seek(path.stat().st_size // 2)
+        file.write(b"\xa5" * 16384)
+
+
+def _somebody_elses(path: Path) -> None:
+    db = sqlite3.connect(path)
+    db.execute("CREATE TABLE recipes (name TEXT)")
+    db.close()
+
+
+def _somebody_elses_of_a_version(path: Path) -> None:
+    _somebody_elses(path)
+    db = sqlite3.connect(path)
+    db.execute("PRAGMA user_version=2")
+    db.close()
+
+
+@pytest.mark.parametrize("spoil", [_garbage, _torn_in_the_middle, _somebody_elses, _somebody_elses_of_a_version])
+async def test_an_unreadable_journal_is_moved_aside_whole_and_a_new_one_begun(
+    tmp_path: Path, spoil: Callable[[Path], None]
+) -> None:
+    path = tmp_path / "journal.sqlite"
+    spoil(path)
+    before = path.read_bytes()
+    journal = await Journal.open(path)
+    assert journal.moved_to is not None
+    assert journal.moved_to.name.startswith("journal-corrupt-")
+    assert journal.moved_to.read_bytes()[100:] == before[100:], "all of it but SQLite's own header"
+    assert journal.moved_because
+    await journal.add_job("a", "home", "{}")
+    assert journal.upcoming_seq >= int(time.time()) - 60, "numbers go on beyond any that were given"
+    await journal.close()
+    again = await Journal.open(path)
+    assert again.moved_to is None
+    assert await again.unfinished() == [("a", "home")]
+    await again.close()
+
+
+async def test_damage_found_at_work_is_looked_for_at_the_next_start_whatever_the_end_was(tmp_path: Path) -> None:
+    path = tmp_path / "journal.sqlite"
+    journal = await Journal.open(path)
+    for k in range(300):
+        await journal.add_measurement("t" * 400, k, "", {})
+    await journal.close()
+    journal = await Journal.open(path)
+    with path.open("r+b") as file:
+        file.seek(path.stat().st_size // 2)
+        file.write(b"\xa5" * 16384)
+    with pytest.raises(Fault) as caught:
+        await journal.measurements(0, 1000)
+    assert caught.value.kind is Kind.JOURNAL_FAILED
+    await journal.close()
+    journal = await Journal.open(path)
+    assert journal.moved_to is not None
+    await journal.close()
+
+
+async def test_alerts_stand_until_they_are_taken_away(tmp_path: Path) -> None:
+    journal = await Journal.open(tmp_path / "j.sqlite")
+    await journal.set_standing("b", {"name": "b", "figure": 1.0})
+    await journal.set_standing("b", {"name": "b", "figure": 2.0})
+    await journal.set_standing("a", {"name": "a"})
+    assert [alert["name"] for alert in await journal.standing()] == ["a", "b"]
+    assert (await journal.standing())[1]["figure"] == 2.0
+    await journal.set_standing("a", None)
+    assert len(await journal.standing()) == 1
+    await journal.keep("x", {"n": 1})
+    await journal.keep("x", {"n": 2})
+    assert await journal.kept("x") == {"n": 2}
+    assert await journal.kept("y") is None
+    await journal.close()
+
+
+async def test_the_journal_keeps_to_its_bounds_and_forgets_no_touch(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daemon.storage.journal.REPORTS_KEPT", 10)
+    monkeypatch.setattr("daemon.storage.journal.JOBS_KEPT", 5)
+    journal = await Journal.open(tmp_path / "j.sqlite")
+    await journal.reserve_seqs()
+    for k in range(20):
+        await journal.add_report(None, None, 7)
+        await journal.add_measurement("2026", k, "", {"numbers": {}})
+        await journal.add_job(f"job-{k}", "home", "{}")
+        await journal.add_step(f"job-{k}", "move", {})
+        if k != 3:
+            await journal.finish_job(_result(journal, f"job-{k}"))
+    while await journal.trim(measurements_kept=8):
+        pass
+    assert await journal.touches() == 140
+    assert [row[2] for row in await journal.measurements(0, 100)] == list(range(12, 20))
+    assert [r.id for r in await journal.results(0, 100)] == [f"job-{k}" for k in range(15, 20)]
+    assert await journal.unfinished() == [("job-3", "home")], "what has no result yet is never forgotten"
+    await journal.close()

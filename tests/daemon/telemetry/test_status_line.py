@@ -1,0 +1,68 @@
+"""The status line: what the daemon does, what keeps it, and how the last job ended."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+from daemon.domain.errors import Fault, Kind
+from daemon.domain.states import State
+from daemon.platform.clock import utc_now
+from daemon.platform.systemd_notify import Notifier
+from daemon.telemetry.status_line import Standing
+from daemon.wire.requests import ErrorBody, JobResult
+
+
+class Heard(Notifier):
+    """A service manager that writes down what it hears."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.lines: list[str] = []
+
+    def ready(self, status: str) -> None:
+        self.lines.append(f"READY {status}")
+
+    def status(self, status: str) -> None:
+        self.lines.append(status)
+
+
+def _daemon(state: State, fault: Fault | None = None, running: Any = None) -> Any:
+    return SimpleNamespace(machine=SimpleNamespace(state=state), jobs=SimpleNamespace(fault=fault, running=running))
+
+
+def _result(**fields: Any) -> JobResult:
+    facts: dict[str, Any] = {"id": "a", "op": "correct", "ok": True, "seq": 1, "station": "s", "outcome": "corrected"}
+    return JobResult(finished_at=utc_now(), **{**facts, **fields})
+
+
+def test_nothing_is_told_before_the_start_is_over() -> None:
+    manager = Heard()
+    standing = Standing(_daemon(State.FAULT, Fault(Kind.NOT_HOMED)), manager)
+    standing.refresh()
+    standing.told(_result(test_point="TP7", error_after_um=12.4))
+    assert manager.lines == []
+    standing.ready(_result(op="home", outcome="homed"))
+    (line,) = manager.lines
+    assert line.startswith("READY fault: not_homed, ")
+    assert "send `home`" in line
+    assert line.endswith("last: correct TP7 corrected, 12 um"), "what happened since is newer than the journal"
+
+
+def test_a_running_job_and_a_note_are_told_beside_the_last_result() -> None:
+    manager = Heard()
+    daemon = _daemon(State.MOVE, running=SimpleNamespace(op="correct", id="b17"))
+    standing = Standing(daemon, manager)
+    failed = _result(ok=False, outcome="failed", test_point="TP3", error=ErrorBody.of(Fault(Kind.TIP_NOT_FOUND)))
+    standing.ready(failed)
+    standing.note("a note")
+    assert manager.lines[-1] == "move (correct b17); last: correct TP3 failed, tip_not_found; a note"
+    daemon.machine.state, daemon.jobs.running = State.IDLE, None
+    standing.note("")
+    assert manager.lines[-1] == "idle; last: correct TP3 failed, tip_not_found"
+
+
+def test_a_daemon_that_never_did_anything_says_only_its_state() -> None:
+    manager = Heard()
+    Standing(cast("Any", _daemon(State.IDLE)), manager).ready(None)
+    assert manager.lines == ["READY idle"]

@@ -1,0 +1,1 @@
+"""The control point: the four-arm calibration mark (appendix C)."""

@@ -1,0 +1,1 @@
+"""Images, edges, circles: what every search stands on."""

@@ -1,0 +1,1 @@
+"""Frames, maps and cameras: from pixels to micrometres."""

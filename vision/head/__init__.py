@@ -1,0 +1,1 @@
+"""The tip on the turning head."""

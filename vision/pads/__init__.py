@@ -1,0 +1,1 @@
+"""TDEA: test points in the red frame."""

@@ -1,0 +1,122 @@
+"""What the rules ask about a disc: its levels, its hole, how much of it is bright, what goes on beyond it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from vision.core.caliper import middle
+from vision.core.circle_fit import CircleFit, Contour
+from vision.core.edges import Edgels
+from vision.pads.disc_fit import DiscFit, measure_disc
+from vision.pads.hole import DIP_RADIUS_PX, find_hole, is_ring
+from vision.pads.neck import neck_width
+from vision.pads.patch import cut_patch
+from vision.pads.rules import LEAST_VISIBLE, ROUND_COVERAGE, Hole, SeenObject
+from vision.pads.window import Window
+
+# Measured without its blur a hole lies below its pad by at least this share of the pad's step, in a small pad and in a
+# large one; a probe's mark does not.
+HOLE_STEP, LARGE_HOLE_STEP = 0.55, 0.75
+# The hole of a small pad must explain the pixels better by this much: chi square of four parameters, far out.
+HOLE_EVIDENCE = 30.0
+# Edge points alone give an ellipse's ratio to about 0.05; a pad's is 0.785 or more.
+PLAUSIBLE_RATIO = 0.68
+# Levels are taken where nothing can stand in front, if that is this share of the disc or more.
+LEAST_CLEAR = 0.3
+# A measured disc that differs from its edge points by more than this (px, or share of the radius) is something else.
+MOST_REFINED_PX, MOST_REFINED_SHARE = 1.0, 0.07
+
+
+def describe_disc(window: Window, edgels: Edgels, circle: CircleFit) -> SeenObject:
+    """Return the features of a disc from the pixels inside and around it, in the window's pixels."""
+    patch = cut_patch(window, circle)
+    inside, around = patch.rho < 0.85, patch.rho > 1.0 + 2.0 / circle.radius_px
+    clear = patch.free & ~window.maybe_hidden[patch.box]
+    if np.count_nonzero(clear & inside) < LEAST_CLEAR * np.count_nonzero(inside):
+        clear = patch.free
+    disc, ring = patch.level[inside & clear], patch.level[around & clear]
+    level = middle(disc, 0.65) if disc.size else 0.0
+    floor = middle(ring, 0.4) if ring.size else window.board_level
+    idea, hole, measured = None, None, None
+    if level > floor and _may_be_a_pad(circle):
+        idea = find_hole(window, edgels, circle, patch, level - floor, level)
+        hole, measured = _measure(window, circle, idea)
+    body = inside & clear
+    # Dark middles that could not be measured, seen obliquely through a thick board, are holes all the same.
+    bore = hole or idea
+    if bore is not None:
+        body &= patch.distance_px(bore.x_px, bore.y_px) > bore.radius_px + 1.5
+    fill = float(np.mean(patch.level[body] > (level + floor) / 2.0)) if np.any(body) else 0.0
+    if measured is not None:
+        circle = measured
+    height, width = window.shape
+    outside = min(circle.x_px, circle.y_px, width - 1 - circle.x_px, height - 1 - circle.y_px) < circle.radius_px + 1.0
+    size = 2.0 * circle.radius_px
+    return SeenObject(
+        x_px=circle.x_px,
+        y_px=circle.y_px,
+        area_px=float(np.pi * circle.radius_px**2),
+        length_px=size,
+        thickness_px=size,
+        circularity=1.0,
+        boxed=float(np.pi / 4.0),
+        fill=fill,
+        level=level,
+        contrast=level - floor,
+        neck=neck_width(window, circle, (level + floor) / 2.0),
+        touches_border=outside,
+        in_needle=0.0,
+        dark_middle=bore is not None,
+        ring=is_ring(circle, patch, idea, floor, level - floor),
+        circle=circle,
+        hole=hole,
+        distance_px=window.distance_px(circle.x_px, circle.y_px),
+    )
+
+
+def _may_be_a_pad(circle: CircleFit) -> bool:
+    """Tell whether measuring is worth the time: what is not round enough is never taken."""
+    return circle.coverage >= ROUND_COVERAGE and circle.visible >= LEAST_VISIBLE and circle.ratio > PLAUSIBLE_RATIO
+
+
+def _measure(window: Window, circle: CircleFit, idea: Contour | None) -> tuple[Hole | None, CircleFit | None]:
+    """Measure the disc (and hole) on its pixels; the circle is None where the model does not describe them."""
+
+    def attempt(hole: Contour | None) -> DiscFit | None:
+        return measure_disc(
+            window.raw, circle.contour, window.view, hole=hole, usable=~window.hidden, sectors=circle.sectors
+        )
+
+    fit = attempt(idea) if idea is not None else None
+    small = circle.radius_px < DIP_RADIUS_PX
+    if fit is None or fit.hole_step < (HOLE_STEP if small else LARGE_HOLE_STEP) * fit.step:
+        fit = attempt(None)
+    elif small:
+        plain = attempt(None)
+        if plain is not None and plain.misfit - fit.misfit < HOLE_EVIDENCE * fit.noise**2:
+            fit = plain
+    if fit is None:
+        return None, None
+    contour = fit.contour
+    moved = np.hypot(contour.x_px - circle.x_px, contour.y_px - circle.y_px)
+    grown = abs(contour.radius_px - circle.contour.radius_px)
+    if max(moved, grown) > max(MOST_REFINED_PX, MOST_REFINED_SHARE * circle.radius_px):
+        return None, None
+    radius, ratio, minor = contour.ellipse(window.view)
+    better = replace(
+        circle,
+        x_px=contour.x_px,
+        y_px=contour.y_px,
+        radius_px=radius,
+        ratio=ratio,
+        minor_rad=minor,
+        sigma_px=fit.sigma_px,
+        noise=fit.noise / fit.step,
+        contour=contour,
+    )
+    if fit.hole is None:
+        return None, better
+    size, _, _ = fit.hole.ellipse(window.view)
+    return Hole(fit.hole.x_px, fit.hole.y_px, size, fit.hole_sigma_px), better

@@ -1,0 +1,390 @@
+"""TDEA: find the test points near the tip in a red-lit picture, by taking and throwing (thesis 5.4).
+
+Circles are proposed, measured on raw pixels and run through the rules together with everything else that is bright.
+What is taken is a test point, what is thrown is not, and an undecided object near the tip is a fault, never a guess.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from vision.core.circle_fit import CircleFit
+from vision.core.edges import LEAST_SLOPE, Edgels, find_edgels
+from vision.core.image import Gray, check_bgr, check_exposure, check_point, red_signal
+from vision.core.not_found import NotFound, Reason
+from vision.core.view import UNKNOWN_VIEW, View
+from vision.pads.occluding_needle import LEAST_SLOPE as NEEDLE_SLOPE
+from vision.pads.occluding_needle import find_needle
+from vision.pads.other_candidates import other_objects
+from vision.pads.round_candidates import round_objects
+from vision.pads.rules import (
+    DOUBTFUL_RATIO,
+    LEAST_VISIBLE,
+    OVAL_RATIO,
+    ROUND_COVERAGE,
+    RULES,
+    SITE_RADIUS_PX,
+    WHOLE_VISIBLE,
+    Decided,
+    Rule,
+    SeenObject,
+    Verdict,
+    Wanted,
+    angular,
+    decide,
+    is_clear,
+    is_round,
+    is_via,
+    stroke_end,
+)
+from vision.pads.window import Window, hide, open_window
+from vision.tip.find import Tip
+from vision.tip.probe_model import needle_outline
+
+# Room beside the largest pad for its edge and surroundings.
+MARGIN_PX = 8
+# Two candidates whose distances to the tip differ by less than this cannot be told apart by distance.
+AMBIGUOUS_PX = 3.0
+# Of two round things the smaller is compared with the other down to this share of its diameter.
+LIKE_SIZE = 0.75
+# The needle's outline is trusted to this: its silhouette, its blur, and what it reflects onto.
+NEEDLE_MARGIN_PX = 1.8
+# The same of a needle that was found in the red picture itself.
+SEEN_NEEDLE_MARGIN_PX = 1.3
+# A frame taken without light stays below this everywhere; a bare board under red light does not.
+DARK_LEVEL = 12.0
+LARGEST_RADIUS_PX = 200.0
+# What these rules throw may be ink, and ink of one print is equally bright to this share of its contrast.
+INK_RULES, INK_LIKENESS = frozenset({"thin", "elongated", "ragged", "stroke_end", "oval"}), 0.2
+# Two pads whose centres are nearer than this share of the sum of their radii would lie on each other. A doubtful one is
+# explained by a pad only if it lies within it.
+OVERLAP_SHARE, EXPLAINED_SHARE = 0.8, 0.55
+# An undecided circle of which this share of the contour is free may be a pad, should a pad be known to lie there.
+NEARLY_WHOLE = 0.8
+# It meets CAD's radius within this share (but at least this many px): the end of a trace is narrower than its pad.
+POSSIBLE_SHARE, POSSIBLE_SLACK_PX = 0.08, 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class TestPoint:
+    """Hold a taken pad: (x_px, y_px) is the target, the hole's centre where it is seen, else the pad's.
+
+    radius_px: the pad's semi-major radius; pad_px: its centre; hole_px: the hole's (x, y, radius) or None; sigma_px:
+    1-sigma of each coordinate of the target; visible: share of its contour that nothing hides; rule: what took it;
+    ratio, minor_rad: minor over major axis of its ellipse, and the minor axis' direction.
+    """
+
+    __test__ = False  # the name would make pytest collect it
+
+    x_px: float
+    y_px: float
+    radius_px: float
+    kind: Literal["via", "site"]
+    pad_px: tuple[float, float]
+    hole_px: tuple[float, float, float] | None
+    sigma_px: float
+    visible: float
+    rule: str
+    ratio: float
+    minor_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """Hold everything seen near the tip; false when there is no nearest test point.
+
+    nearest: the answer or why there is none; taken: all test points, nearest first; thrown, undecided: the other
+    objects, nearest first, with the rule that decided; window_px: (x, y, width, height) looked at.
+    """
+
+    nearest: TestPoint | NotFound
+    taken: tuple[TestPoint, ...]
+    thrown: tuple[Decided, ...]
+    undecided: tuple[Decided, ...]
+    window_px: tuple[int, int, int, int]
+
+    def __bool__(self) -> bool:
+        return bool(self.nearest)
+
+    def possible(self, expected_radius_px: float, *, followed: bool = False) -> tuple[TestPoint, ...]:
+        """Return the undecided round things of that semi-major radius, seen nearly whole and not too oval.
+
+        A pad whose trace shows in the same opening of the mask may be one; with a hole in its middle, also if the trace
+        makes it look wider or more oval than it is. Of a pad that is `followed` from an earlier look so may what was
+        thrown for going on like a stroke. None of them is a test point by its looks; who knows from elsewhere that a
+        pad lies just there may still take it (`constellation.match_near`).
+        """
+        corner = self.window_px[0], self.window_px[1]
+        strokes = [item for item in self.thrown if followed and item.rule == stroke_end.__name__]
+        return tuple(
+            replace(_point(item, corner), rule="at_known_place")
+            for item in (*self.undecided, *strokes)
+            if (circle := item.object.circle) is not None
+            and circle.visible >= NEARLY_WHOLE
+            and circle.coverage >= ROUND_COVERAGE
+            and _fits(circle, expected_radius_px, drilled=_is_drilled(item.object))
+        )
+
+
+def _fits(circle: CircleFit, expected_radius_px: float, *, drilled: bool) -> bool:
+    """Tell whether a circle may be a pad of that radius; one that is `drilled` is no trace: less is asked of it."""
+    if drilled:
+        return circle.ratio >= OVAL_RATIO and Wanted(expected_radius_px, 0.0).is_sized(circle.radius_px)
+    slack = max(POSSIBLE_SHARE * expected_radius_px, POSSIBLE_SLACK_PX)
+    return circle.ratio >= DOUBTFUL_RATIO and abs(circle.radius_px - expected_radius_px) <= slack
+
+
+def find_test_points(
+    red_bgr: Any,
+    around_px: tuple[float, float],
+    reach_px: float = 30,
+    expected_radius_px: float | None = None,
+    needle: Tip | None = None,
+    view: View | None = None,
+    rules: tuple[Rule, ...] = RULES,
+) -> Seen:
+    """Find test points within `reach_px` of `around_px` (x, y) in a red frame (H, W, 3) uint8 BGR.
+
+    expected_radius_px: the semi-major radius CAD expects, which replaces the thesis' classes (via 5..8 px, site
+    14..21 px) and widens the window. needle: where the needle is in this picture; what it hides is left out. view: how
+    obliquely the board is seen (default: the needle's direction and a ratio of 0.87; without a needle anything between
+    square and that). Good to about 0.05 px on whole pads, 0.3 px on half-hidden ones. `nearest` is NotFound with one of
+    too_dark, saturated, out_of_frame, no_test_point, ambiguous, undecided. ValueError for a wrong array, a point or
+    number that is not finite.
+    """
+    image = check_bgr(red_bgr)
+    around = check_point(around_px, "around_px")
+    radius = _check_radius(expected_radius_px)
+    if not (np.isfinite(reach_px) and 1.0 <= reach_px <= 1000.0):
+        raise ValueError(f"reach_px must be 1..1000 px, got {reach_px}")
+    half = int(np.ceil(reach_px + (SITE_RADIUS_PX[1] if radius is None else radius) + MARGIN_PX))
+    x, y = int(np.rint(around[0])) - half, int(np.rint(around[1])) - half
+    area = x, y, 2 * half + 1, 2 * half + 1
+    if x < 0 or y < 0 or x + area[2] > image.shape[1] or y + area[3] > image.shape[0]:
+        size = f"{image.shape[1]} x {image.shape[0]}"
+        fact = f"the window x {x}..{x + area[2]}, y {y}..{y + area[3]} px does not lie in the picture of {size} px"
+        return _nothing(NotFound(Reason.OUT_OF_FRAME, f"{fact}: is the tip where it was taught?"), area)
+    plane = red_signal(image[y : y + area[3], x : x + area[2]])
+    problem = check_exposure(plane, dark_level=DARK_LEVEL, dark_percentile=50.0, clipped_share=0.6)
+    if problem is not None:
+        return _nothing(problem, area)
+    if view is None:
+        view = UNKNOWN_VIEW if needle is None else View(minor_rad=needle.angle_rad)
+    return _look(plane, area, around, reach_px, radius, needle, view, rules)
+
+
+def _look(
+    plane: Gray,
+    area: tuple[int, int, int, int],
+    around: tuple[float, float],
+    reach: float,
+    radius: float | None,
+    needle: Tip | None,
+    view: View,
+    rules: tuple[Rule, ...],
+) -> Seen:
+    window = open_window(plane, (area[0], area[1]), around, view)
+    edgels = find_edgels(window.clean, LEAST_SLOPE if needle else NEEDLE_SLOPE)
+    window = _behind_needle(window, edgels, needle)
+    strong = edgels.where(edgels.slope > LEAST_SLOPE).outside(window.hidden)
+    circles = round_objects(window, strong, Wanted(radius, 0.0))
+    decided = [decide(seen, _wanted(seen, circles, radius), rules) for seen in circles]
+    rest = other_objects(window, [item.object for item in decided if item.verdict is Verdict.TAKE])
+    regions = [decide(seen, Wanted(radius, 0.0), rules) for seen in rest]
+    decided = _drawn_after_all(_angular_after_all(decided, regions), regions)
+    decided += [item for item in regions if not _inside(item.object.x_px, item.object.y_px, decided)]
+    decided = _apart(decided)
+    decided.sort(key=lambda item: item.object.distance_px)
+    points = [_point(item, (area[0], area[1])) for item in decided if item.verdict is Verdict.TAKE]
+    taken = tuple(sorted(points, key=lambda point: _distance(point, around)))
+    thrown = tuple(item for item in decided if item.verdict is Verdict.THROW)
+    undecided = tuple(item for item in decided if item.verdict is Verdict.PASS)
+    return Seen(_nearest(taken, undecided, around, reach), taken, thrown, undecided, area)
+
+
+def _apart(decided: list[Decided]) -> list[Decided]:
+    """Throw a circle that lies in a better seen one that was taken; leave undecided two that only overlap.
+
+    Pads may touch, but never lie on each other: one of the two is not what it seems, or both are ends of one oblong.
+    If one of them is drilled, the other is the trace that shows in the same opening of the mask.
+    """
+    decided = _traces_thrown(decided)
+    kept: list[Decided] = []
+    for item in sorted(decided, key=lambda item: (item.verdict is not Verdict.TAKE, -_trust(item))):
+        taken = [other for other in kept if other.verdict is Verdict.TAKE]
+        if item.verdict is not Verdict.THROW and any(_overlap(item, other, EXPLAINED_SHARE) for other in taken):
+            kept.append(replace(item, verdict=Verdict.THROW, rule="overlapped"))
+        else:
+            kept.append(item)
+    standing = [item for item in kept if item.verdict is not Verdict.THROW and item.object.circle is not None]
+
+    def judged(item: Decided) -> Decided:
+        alone = not any(other is not item and _overlap(item, other, OVERLAP_SHARE) for other in standing)
+        return (
+            item
+            if item.verdict is not Verdict.TAKE or alone
+            else replace(item, verdict=Verdict.PASS, rule="overlapping")
+        )
+
+    return [judged(item) for item in kept]
+
+
+def _traces_thrown(decided: list[Decided]) -> list[Decided]:
+    """Throw what lies on a pad with a hole in its middle, and has none itself though its own middle shows."""
+    drilled = [item for item in decided if item.verdict is not Verdict.THROW and _is_drilled(item.object)]
+
+    def judged(item: Decided) -> Decided:
+        seen, circle = item.object, item.object.circle
+        if item.verdict is Verdict.THROW or circle is None or seen.dark_middle or circle.visible < LEAST_VISIBLE:
+            return item
+        on_pad = any(_overlap(item, pad, OVERLAP_SHARE) for pad in drilled)
+        return replace(item, verdict=Verdict.THROW, rule="trace_of_pad") if on_pad else item
+
+    return [judged(item) for item in decided]
+
+
+def _is_drilled(seen: SeenObject) -> bool:
+    """Tell whether an object is round and has a hole in its middle. A drawn ring has none: the board shows in it."""
+    return seen.dark_middle and not seen.ring and is_round(seen)
+
+
+def _angular_after_all(decided: list[Decided], regions: list[Decided]) -> list[Decided]:
+    """Throw a doubtful circle that is only what fits into a rectangle: the region it lies in was thrown as one."""
+    rectangles = [item for item in regions if item.rule == angular.__name__]
+
+    def judged(item: Decided) -> Decided:
+        circle = item.object.circle
+        if item.verdict is not Verdict.PASS or circle is None:
+            return item
+        lies_in = any(
+            np.hypot(box.object.x_px - item.object.x_px, box.object.y_px - item.object.y_px) < 0.5 * circle.radius_px
+            and box.object.thickness_px > 1.2 * circle.radius_px
+            for box in rectangles
+        )
+        return replace(item, verdict=Verdict.THROW, rule=angular.__name__) if lies_in else item
+
+    return [judged(item) for item in decided]
+
+
+def _drawn_after_all(decided: list[Decided], regions: list[Decided]) -> list[Decided]:
+    """Leave undecided a ring round bare board that is half hidden, or as bright as the lettering beside it."""
+    ink = [item.object.level for item in (*regions, *decided) if item.rule in INK_RULES]
+    usual = float(np.median(ink)) if ink else -np.inf
+
+    def judged(item: Decided) -> Decided:
+        seen, circle = item.object, item.object.circle
+        if item.verdict is not Verdict.TAKE or circle is None or not seen.ring:
+            return item
+        doubtful = circle.visible < WHOLE_VISIBLE or abs(usual - seen.level) < INK_LIKENESS * seen.contrast
+        return replace(item, verdict=Verdict.PASS, rule="drawn_ring") if doubtful else item
+
+    return [judged(item) for item in decided]
+
+
+def _trust(item: Decided) -> float:
+    circle = item.object.circle
+    return 0.0 if circle is None else circle.coverage * circle.visible
+
+
+def _overlap(item: Decided, other: Decided, share: float) -> bool:
+    one, two = item.object, other.object
+    if one.circle is None or two.circle is None:
+        return False
+    reach = share * (one.circle.radius_px + two.circle.radius_px)
+    # Seen obliquely, touching pads are nearer in the picture along the minor axis: the share leaves room for that.
+    return float(np.hypot(one.x_px - two.x_px, one.y_px - two.y_px)) < reach
+
+
+def _inside(x_px: float, y_px: float, decided: list[Decided]) -> bool:
+    """Tell whether a point lies in a circle that is already listed (a region is then the same thing once more)."""
+    circles = [item.object for item in decided if item.object.circle is not None]
+    return any(np.hypot(seen.x_px - x_px, seen.y_px - y_px) < 0.5 * seen.length_px for seen in circles)
+
+
+def _wanted(seen: SeenObject, circles: list[SeenObject], radius: float | None) -> Wanted:
+    """Return what an object is held against: CAD's radius, and the brightest clear pad of its size or larger.
+
+    Bright lettering has round counters and dots too; they say nothing of how bright a larger pad should be.
+    """
+    clear = [other for other in circles if is_clear(other) and other.length_px > LIKE_SIZE * seen.length_px]
+    brightest = max(clear, key=lambda other: other.level, default=None)
+    return Wanted(radius, brightest.level, brightest.contrast) if brightest else Wanted(radius, 0.0)
+
+
+def _behind_needle(window: Window, edgels: Edgels, needle: Tip | None) -> Window:
+    """Return the window with what the needle covers hidden: the given needle, or the one that shows in this picture."""
+    if needle is not None:
+        corner = np.array([window.x_px, window.y_px])
+        outline = needle_outline((needle.x_px, needle.y_px), needle.angle_rad, needle.shape, NEEDLE_MARGIN_PX)
+        return hide(window, outline - corner, certain=True)
+    seen = find_needle(edgels, window.around_px, UNKNOWN_VIEW.minor_rad, SEEN_NEEDLE_MARGIN_PX)
+    return window if seen is None else hide(window, seen.outline_px, certain=seen.certain)
+
+
+def _check_radius(radius: float | None) -> float | None:
+    if radius is None:
+        return None
+    if not (np.isfinite(radius) and 3.0 <= radius <= LARGEST_RADIUS_PX):
+        raise ValueError(f"expected_radius_px must be 3..{LARGEST_RADIUS_PX:.0f} px, got {radius}")
+    return float(radius)
+
+
+def _nothing(reason: NotFound, area: tuple[int, int, int, int]) -> Seen:
+    return Seen(reason, (), (), (), area)
+
+
+def _point(item: Decided, corner: tuple[int, int]) -> TestPoint:
+    circle, hole = item.object.circle, item.object.hole
+    if circle is None:
+        raise ValueError(f"the rule {item.rule} took an object without a circle: it has no centre to land on")
+    pad = circle.x_px + corner[0], circle.y_px + corner[1]
+    kind: Literal["via", "site"] = "via" if is_via(item.object) else "site"
+    at = pad if hole is None else (hole.x_px + corner[0], hole.y_px + corner[1])
+    return TestPoint(
+        *at,
+        circle.radius_px,
+        kind,
+        pad,
+        None if hole is None else (*at, hole.radius_px),
+        circle.sigma_px if hole is None else hole.sigma_px,
+        circle.visible,
+        item.rule,
+        circle.ratio,
+        circle.minor_rad,
+    )
+
+
+def _distance(point: TestPoint, around: tuple[float, float]) -> float:
+    return float(np.hypot(point.x_px - around[0], point.y_px - around[1]))
+
+
+def _nearest(
+    taken: tuple[TestPoint, ...], undecided: tuple[Decided, ...], around: tuple[float, float], reach: float
+) -> TestPoint | NotFound:
+    """Return the nearest test point (eq. 5.12), or why none may be chosen."""
+    distances = [_distance(point, around) for point in taken]
+    limit = min([*distances, reach]) + AMBIGUOUS_PX
+    unclear = [item for item in undecided if item.object.distance_px < limit]
+    if unclear:
+        seen = unclear[0].object
+        return NotFound(
+            Reason.UNDECIDED,
+            f"an object {seen.distance_px:.1f} px from the tip at ({seen.x_px:.0f}, {seen.y_px:.0f}) px is neither a "
+            "test point nor clearly none: look at the picture, clean the pad, or give the pad's radius from CAD",
+        )
+    if not taken or distances[0] > reach:
+        away = f"the nearest is {distances[0]:.1f} px away" if taken else "none is in the window"
+        return NotFound(
+            Reason.NO_TEST_POINT,
+            f"no test point within {reach:.0f} px of the tip ({away}): is the board in its place and the lamp red?",
+        )
+    if len(taken) > 1 and distances[1] - distances[0] < AMBIGUOUS_PX and distances[1] <= reach + AMBIGUOUS_PX:
+        return NotFound(
+            Reason.AMBIGUOUS,
+            f"two test points lie {distances[0]:.1f} and {distances[1]:.1f} px from the tip: distance cannot tell "
+            "which is meant; give the pad's radius from CAD or match the constellation",
+        )
+    return taken[0]

@@ -1,0 +1,67 @@
+"""The part of a red frame round the tip that is looked at, and what of it something may stand in front of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from vision.core.caliper import middle
+from vision.core.image import Gray, Plane, despike, median
+from vision.core.view import View
+
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """Hold the part of the red frame that is looked at, each picture (H, W).
+
+    clean: uint8, spikes removed, else as taken; raw: the same as float32; smooth: median-filtered, for shapes only.
+    hidden: what the needle covers. maybe_hidden: where a needle of which nothing is known may stand (all false when the
+    needle is known). x_px, y_px: pixel (0, 0) in the frame; board_level: brightness of the bare board; around_px: the
+    tip, in the window's pixels.
+    """
+
+    clean: Gray
+    raw: Plane
+    smooth: Gray
+    hidden: Flags
+    maybe_hidden: Flags
+    x_px: int
+    y_px: int
+    board_level: float
+    around_px: tuple[float, float]
+    view: View
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width in px."""
+        return self.clean.shape[0], self.clean.shape[1]
+
+    def distance_px(self, x_px: float, y_px: float) -> float:
+        """Return how far a point of the window lies from the tip."""
+        return float(np.hypot(x_px - self.around_px[0], y_px - self.around_px[1]))
+
+
+def open_window(plane: Gray, corner: tuple[int, int], around_px: tuple[float, float], view: View) -> Window:
+    """Prepare a window (H, W) uint8 whose top-left pixel is `corner`, nothing in it hidden."""
+    clean = despike(np.ascontiguousarray(plane))
+    smooth = median(clean, 3)
+    around = around_px[0] - corner[0], around_px[1] - corner[1]
+    nothing = np.zeros(clean.shape, dtype=np.bool_)
+    board = middle(smooth, 0.25)
+    return Window(clean, clean.astype(np.float32), smooth, nothing, nothing, corner[0], corner[1], board, around, view)
+
+
+def hide(window: Window, outline: NDArray[np.float64], *, certain: bool) -> Window:
+    """Return the window with a needle's outline (N, 2), in the window's pixels, hidden, or maybe so."""
+    cover = np.zeros(window.shape, dtype=np.uint8)
+    cv2.fillPoly(cover, [np.rint(outline * 16.0).astype(np.int32)], (1,), shift=4)
+    covered = cover > 0
+    if not certain:
+        return replace(window, maybe_hidden=covered)
+    seen = window.smooth[~covered]
+    return replace(window, hidden=covered, board_level=middle(seen, 0.25) if seen.size else 0.0)

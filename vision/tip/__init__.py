@@ -1,0 +1,1 @@
+"""TEDA: the probe tip in the white frame."""

@@ -1,0 +1,233 @@
+"""Is the measured needle the taught one? Each check finds out something that would make a wrong tip look right."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vision.core.caliper import Floats
+from vision.core.not_found import NotFound, Reason
+from vision.tip.edges import EdgePoints
+from vision.tip.measure import Measured
+from vision.tip.probe_model import ProbeModel
+from vision.tip.shade import shade_px
+from vision.tip.side_checks import check_sides
+from vision.tip.strip import middle
+from vision.tip.verdicts import blurred, no_marking, wrong
+
+# Share of the calipers that must lie on the fitted silhouette.
+LEAST_SUPPORT = 0.5
+# A taper that shows both edges on so much more of its length (0..1) elsewhere than straight ahead is turned there;
+# one that shows fewer than the least straight ahead may point anywhere. Smaller turns are left to the fit.
+TURNED_LEAD, DOUBTFUL_LEAD, LEAST_TURN_DEG, LEAST_SHOWN_STRAIGHT = 0.25, 0.1, 3.5, 0.38
+# Share of the cylinder's length along which it may be as bright beyond its edge as within.
+MOST_METAL_BEYOND = 0.9
+# Beside the marking a bright ground is at least so bright, as a share of what it is beside the metal.
+SAME_GROUND = 0.6
+# How far things may differ from what was taught before the needle counts as another or as damaged.
+TURN_LIMIT_DEG = 4.0
+BEND_LIMIT_PX = 2.0
+BEND_CERTAIN_SIGMAS = 4.0
+WIDTH_LIMIT_PX = 1.5
+MARKING_LENGTH_LIMIT_PX = 2.5
+SHIFTED_MARKING_LIMIT_PX, SHIFTED_BETWEEN_GROUNDS_PX = 3.5, 4.5
+# A glint may hide where the light ends along half of the taper.
+SHADE_LIMIT_PX, LEAST_SHADE_SHARE = 3.0, 0.35
+LEAST_MARKING_CONTRAST = 0.35
+LEAST_RIM_AGREEMENT = 0.5
+# The upper rim need not be as sharp as the lower one, but it should be a rim.
+LEAST_UPPER_RIM = 0.4
+# Edge points a side of taper or cylinder needs before its own width means something.
+LEAST_SIDE_POINTS = 10
+SIDES_AGREE_PX, SIDES_AGREE_SHARE = 4.0, 0.5
+# The rim's steepest slope over the step from marking to metal, 1/px: 0.22 at a lens blur of 1 px, 0.19 at 1.4 px,
+# 0.14 at 2.5 px (a Gaussian of the blur and the caliper's 1.5 px together).
+LEAST_SHARPNESS = 0.12
+
+
+def check_direction(angle_rad: float, model: ProbeModel) -> NotFound | None:
+    """Return why the needle's direction is not the taught one, or None."""
+    turn = float(np.degrees(angle_rad - model.angle_rad))
+    if abs(turn) <= TURN_LIMIT_DEG:
+        return None
+    return NotFound(
+        Reason.BENT, f"the needle is turned by {turn:+.1f} degrees against the taught one: straighten or replace it"
+    )
+
+
+def check_straight(needle: Measured, _: ProbeModel) -> NotFound | None:
+    """Return why the taper does not point where the cylinder does, or None."""
+    turn, free = needle.turn, needle.free
+    if turn.turned > turn.straight + TURNED_LEAD and abs(turn.turn_deg) >= LEAST_TURN_DEG:
+        return NotFound(
+            Reason.BENT,
+            f"the taper is not where the cylinder points: it is turned by {turn.turn_deg:+.1f} degrees: "
+            "replace the needle",
+        )
+    certain = abs(free.bend_px) > BEND_CERTAIN_SIGMAS * free.bend_sigma_px
+    if abs(free.bend_px) > BEND_LIMIT_PX and certain:
+        return NotFound(
+            Reason.BENT,
+            f"the taper's axis misses the cylinder's by {free.bend_px:+.1f} px at the end: replace the needle",
+        )
+    shown = (turn.edges + _taper_support(needle)) / 2.0
+    if shown < LEAST_SHOWN_STRAIGHT:
+        fact = f"the taper shows on only {100 * shown:.0f} % of its length where the cylinder points"
+        if turn.turned > turn.straight + DOUBTFUL_LEAD:
+            return NotFound(Reason.BENT, f"{fact}, more of it elsewhere: straighten or replace the needle")
+        return wrong(fact)
+    return None
+
+
+def first_problem(needle: Measured, model: ProbeModel) -> NotFound | None:
+    """Return the first thing that makes the measured needle another than the taught one, or None."""
+    for check in (check_light, check_marking, check_straight, check_sides, check_shape):
+        problem = check(needle, model)
+        if problem is not None:
+            return problem
+    return None
+
+
+def check_light(needle: Measured, _: ProbeModel) -> NotFound | None:
+    """Return why the needle's picture cannot be measured, or None."""
+    if needle.contrast >= LEAST_MARKING_CONTRAST and needle.sharpness < LEAST_SHARPNESS:
+        return blurred(needle.sharpness, LEAST_SHARPNESS)
+    return None
+
+
+def check_marking(needle: Measured, model: ProbeModel) -> NotFound | None:
+    """Return why the marking is not the taught one, or None."""
+    rim2 = needle.rim2
+    if needle.contrast < LEAST_MARKING_CONTRAST:
+        return no_marking(f"the marking is only {100 * needle.contrast:.0f} % darker than the metal")
+    if rim2.agreement < LEAST_RIM_AGREEMENT:
+        return no_marking(f"the lower rim is seen on only {100 * rim2.agreement:.0f} % of the needle's width")
+    if needle.rim1_strength < LEAST_UPPER_RIM * rim2.strength:
+        return no_marking("the marking's upper rim is not where it was taught")
+    length = rim2.u_px - needle.rim1_u_px
+    if abs(length - model.shape.marking_px) > MARKING_LENGTH_LIMIT_PX:
+        return no_marking(f"the marking is {length:.1f} px long, {model.shape.marking_px:.1f} px were taught")
+    return None
+
+
+def _taper_support(needle: Measured) -> float:
+    """Return the share (0..1) of the taper's calipers whose edge lies on the fit."""
+    used = needle.points.on_taper & (needle.axis.weights > 0.3)
+    return float(np.count_nonzero(used)) / max(needle.points.offered_on_taper, 1)
+
+
+def check_shape(needle: Measured, model: ProbeModel) -> NotFound | None:
+    """Return why the silhouette is not the taught one, or None."""
+    axis = needle.axis
+    if axis.support < LEAST_SUPPORT:
+        return wrong(f"only {100 * axis.support:.0f} % of the edge points lie on the taught silhouette")
+    if abs(axis.cylinder_wider_px) > WIDTH_LIMIT_PX:
+        return NotFound(
+            Reason.WRONG_NEEDLE,
+            f"the needle is {2 * axis.cylinder_wider_px:+.1f} px wider than the taught one: teach this needle",
+        )
+    problem = check_shade(needle, model)
+    if problem is not None:
+        return problem
+    beyond = metal_beyond(needle, model)
+    if beyond > MOST_METAL_BEYOND:
+        return wrong(f"the metal goes on beyond the taught edge along {100 * beyond:.0f} % of the cylinder")
+    moved, limit = _moved(needle, model)
+    if abs(moved) > limit:
+        return no_marking(f"the marking sits {moved:+.1f} px from where the taper's width says it was taught")
+    return None
+
+
+def check_shade(needle: Measured, model: ProbeModel) -> NotFound | None:
+    """Return why the light on the dim side of a needle lit from one side ends elsewhere than taught, or None.
+
+    The other edge alone gives the axis of such a needle, so this is all that tells of its width.
+    """
+    outline = model.outline
+    if outline.shade_px is None:
+        return None
+    shade = shade_px(needle.strip, (needle.axis.a_px, needle.axis.b), outline)
+    moved = shade - outline.shade_px
+    for part in (outline.on_taper, ~outline.on_taper):
+        share = float(np.mean(np.abs(moved[part]) < SHADE_LIMIT_PX))
+        if share < LEAST_SHADE_SHARE:
+            fact = "the light on the needle's dim side ends where it was taught on only"
+            return wrong(f"{fact} {100 * share:.0f} % of its length")
+    return None
+
+
+def metal_beyond(needle: Measured, model: ProbeModel) -> float:
+    """Return along how much (0..1) of the needle it is as bright outside as the metal is, on the worse side.
+
+    A thicker needle whose highlight was taken for an edge does that all along its cylinder, and beside the thick half
+    of its taper, or its marking goes on there too. A pad or lettering behind it may do so beside one of them, and a
+    bright ground does so beside both: but the black band of the needle's own marking would go on through its metal,
+    where a ground stays as bright as it is.
+    """
+    outline, axis = model.outline, needle.axis
+    half_px = outline.rim_half_px(-model.h_px)
+    thick = outline.half_px > 0.6 * half_px
+    taper, cylinder = thick & outline.on_taper, thick & ~outline.on_taper
+    worst = 0.0
+    for side, edge, wider in ((-1.0, outline.left_px, -1.0), (1.0, outline.right_px, 1.0)):
+        if side == outline.dim_side:
+            continue
+        grown = edge + wider * np.where(outline.on_taper, axis.taper_wider_px, axis.cylinder_wider_px)
+        shares, levels = [], []
+        for part in (taper, cylinder):
+            inside = middle(_levels(needle, outline.u_px[part], grown[part] - 3.0 * side))
+            outside = _levels(needle, outline.u_px[part], grown[part] + 4.0 * side)
+            bright = int(np.count_nonzero(outside > 0.75 * min(inside, needle.metal)))
+            shares.append(bright / max(outside.size, 1))
+            levels.append(middle(outside))
+        marked = np.arange(needle.rim1_u_px + 8.0, needle.rim2.u_px - 8.0, 2.0)
+        beside = middle(_levels(needle, marked, np.full(marked.size, side * (half_px + 4.0))))
+        if beside > SAME_GROUND * min(levels):
+            continue
+        goes_on = beside < needle.dark + 0.25 * (needle.metal - needle.dark)
+        worst = max(worst, shares[1] if goes_on else min(shares))
+    return worst
+
+
+def _levels(needle: Measured, u_px: Floats, off_axis_px: Floats) -> Floats:
+    """Return the brightness of the strip at those of the rows `u_px` it holds, `off_axis_px` from the axis."""
+    strip, axis = needle.strip, needle.axis
+    rows = np.rint(u_px).astype(np.intp) - strip.u_from_px
+    keep = (rows >= 0) & (rows < strip.pixels.shape[0])
+    columns = np.rint(axis.a_px + axis.b * u_px + off_axis_px).astype(np.intp) + strip.reach_px
+    columns = np.clip(columns, 0, strip.pixels.shape[1] - 1)
+    return np.asarray(strip.pixels[rows[keep], columns[keep]], dtype=np.float64)
+
+
+def _moved(needle: Measured, model: ProbeModel) -> tuple[float, float]:
+    """Return how far the marking lies from where it was taught, by the taper's width, and how far it may, px.
+
+    A bright ground or more blur makes taper and cylinder look wider or narrower alike: the cylinder tells by how much.
+    Half a pixel of width is 3 px of place, so edges of taper and cylinder are compared before grounds that are both
+    darker, or both brighter, than the metal, and where too few are, before both, which tells less. Both sides must say
+    it: a moved marking shows on both, a line of silkscreen beside the needle on one. 0 when unknown.
+    """
+    points, axis = needle.points, needle.axis
+    beyond = points.side * (points.v_px - axis.a_px - axis.b * points.u_px - points.taught_px)
+    sides, limit = [], SHIFTED_MARKING_LIMIT_PX
+    for side in (-1.0, 1.0):
+        own = points.side == side
+        wider = _taper_wider(points, beyond, own & points.brightens)
+        if wider is None:
+            wider = _taper_wider(points, beyond, own & ~points.brightens)
+        if wider is None:
+            wider, limit = _taper_wider(points, beyond, own), SHIFTED_BETWEEN_GROUNDS_PX
+        if wider is None:
+            return 0.0, limit
+        sides.append(wider / model.shape.taper_slope - needle.rim2.u_px - model.h_px)
+    apart = max(SIDES_AGREE_PX, SIDES_AGREE_SHARE * max(abs(sides[0]), abs(sides[1])))
+    agree = sides[0] * sides[1] > 0.0 and abs(sides[0] - sides[1]) < apart
+    return (min(sides, key=abs) if agree else 0.0), limit
+
+
+def _taper_wider(points: EdgePoints, beyond_px: Floats, own: NDArray[np.bool_]) -> float | None:
+    """Return how much wider the taper is than the cylinder by the `own` points (N,), px; None when they are too few."""
+    parts = [own & (points.on_taper == on_taper) for on_taper in (True, False)]
+    if min(int(np.count_nonzero(part)) for part in parts) < LEAST_SIDE_POINTS:
+        return None
+    return middle(beyond_px[parts[0]]) - middle(beyond_px[parts[1]])
