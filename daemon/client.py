@@ -14,8 +14,9 @@ from typing import Any, Self
 import zmq
 from zmq.utils.monitor import recv_monitor_message
 
+from daemon.domain.results import JobResult
 from daemon.wire.curve_keys import KeyTrouble, PrivateKey, read_private
-from daemon.wire.requests import WIRE_VERSION, JobResult
+from daemon.wire.requests import WIRE_VERSION
 
 DEFAULT_CONTROL = "tcp://127.0.0.1:5555"
 DEFAULT_EVENTS = "tcp://127.0.0.1:5556"

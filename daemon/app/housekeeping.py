@@ -6,8 +6,8 @@ import asyncio
 from typing import Protocol
 
 from daemon.jobs.runner import Jobs
+from daemon.platform.memory import give_back_memory
 from daemon.telemetry.metrics import Metrics
-from daemon.telemetry.vitals import give_back_memory
 
 EVERY_S = 0.5
 REST_TURNS, AGAIN_TURNS = 4, 60

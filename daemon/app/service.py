@@ -21,6 +21,7 @@ from daemon.config.model import Config
 from daemon.config.reload import Change, Reloader
 from daemon.domain.board import Board
 from daemon.domain.errors import Fault, Kind
+from daemon.domain.results import ErrorBody, JobResult
 from daemon.domain.states import Event, Machine, State
 from daemon.jobs.context import Bench
 from daemon.jobs.image_archive import Pictures
@@ -29,7 +30,9 @@ from daemon.jobs.watchdog import Vigil
 from daemon.maintenance.monitor import Keeper
 from daemon.platform.clock import utc_now
 from daemon.platform.instance_lock import alone
+from daemon.platform.memory import few_arenas
 from daemon.platform.systemd_notify import Notifier
+from daemon.procedures.registry import PROCEDURES
 from daemon.server.auth import Guard
 from daemon.server.control_socket import ControlSocket
 from daemon.server.event_publisher import Events
@@ -44,8 +47,7 @@ from daemon.storage.calibration_store import Calibrations
 from daemon.storage.journal import Journal
 from daemon.telemetry.metrics import Metrics
 from daemon.telemetry.status_line import Standing
-from daemon.telemetry.vitals import Vitals, few_arenas, read_vitals
-from daemon.wire.requests import ErrorBody, JobResult
+from daemon.telemetry.vitals import Vitals, read_vitals
 from drivers.deadline import Deadline
 from drivers.errors import DeviceError
 from vision.warm import warm_up
@@ -115,7 +117,7 @@ class Service:
             )
             self.jobs = Jobs(
                 self.machine, self._journal, self._events, self.pictures, config.station.name,
-                config.servo, config.api.queue_length, config.api.queue_per_client,
+                config.servo, PROCEDURES, config.api.queue_length, config.api.queue_per_client,
             )  # fmt: skip
             self.keeper = Keeper(self, self._journal, self._events)
             self.jobs.hooks = self.keeper

@@ -6,7 +6,7 @@ from typing import Any
 
 from rich.markup import escape
 
-from daemon.wire.requests import JobResult
+from daemon.domain.results import JobResult
 
 
 def result_of(event: dict[str, Any]) -> JobResult:

@@ -11,7 +11,7 @@ from rich.table import Table
 
 from daemon.cli.output import FAILED, answered, err, out, say_json
 from daemon.client import Client, NoAnswer, Subscription
-from daemon.wire.requests import JobResult
+from daemon.domain.results import JobResult
 
 LOOK_AGAIN_S = 1.0
 """How long to listen before asking for the result: an event may be lost, an answer is not."""

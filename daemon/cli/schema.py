@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from daemon.cli.output import USAGE, fail, out, say_json
+from daemon.config.model import ApiSection
 from daemon.wire.docs.schema import schemas, write
 
 app = typer.Typer()
@@ -24,7 +25,7 @@ def schema(
         say_json(schemas())
         return
     try:
-        written = write(out_folder)
+        written = write(out_folder, ApiSection)
     except OSError as exc:
         fail(f"{out_folder} cannot be written: {exc.strerror}", advice="choose a folder that is yours", code=USAGE)
     for path in written:

@@ -10,7 +10,7 @@ from rich.table import Table
 from daemon.cli.formatting import sentence
 from daemon.cli.output import DEFAULT_ENDPOINT, AsJson, Endpoint, answered, err, out, say_json
 from daemon.client import Client
-from daemon.wire.requests import JobResult
+from daemon.domain.results import JobResult
 
 app = typer.Typer()
 ANSWER_WITHIN_S = 5.0

@@ -14,7 +14,7 @@ from daemon.cli.formatting import gist
 from daemon.cli.output import DEFAULT_ENDPOINT, AsJson, Endpoint, answered, err, out, say_json
 from daemon.cli.watch_view import View
 from daemon.client import Client, NoAnswer, NotLetIn, Refused, Subscription, listen
-from daemon.wire.requests import JobResult
+from daemon.domain.results import JobResult
 
 app = typer.Typer()
 TOPICS = ("state", "result", "alert", "progress", "log")

@@ -14,7 +14,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 
 from daemon.cli.formatting import result_of, sentence
-from daemon.wire.requests import JobResult
+from daemon.domain.results import JobResult
 
 RESULTS, SILENT_S, LATE = 8, 3.5, 50
 COLOUR = {"idle": "green", "fault": "red"}

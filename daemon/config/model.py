@@ -14,8 +14,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from daemon.config.watch_names import is_known
 from daemon.domain.roles import Role
-from daemon.maintenance.catalogue import is_known
 from vision.geometry.frames import Rigid2
 from vision.head.model import CircleHead
 

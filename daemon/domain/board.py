@@ -1,7 +1,7 @@
 """The board under test as the daemon knows it: round targets with names, sizes and what may be touched.
 
 Positions are um in the board frame: origin at the outline's lower left corner as seen from the probed side, x right,
-y up. `daemon.cad` makes such a file from a CAD folder; a station needs only the file.
+y up. `daemon.tools.cad_import` makes such a file from a CAD folder; a station needs only the file.
 """
 
 from __future__ import annotations
@@ -11,10 +11,9 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from pydantic import Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from daemon.domain.errors import Fault, Kind
-from daemon.wire.requests import Wire
 from vision.geometry.frames import Array
 
 BOARD_FORMAT: Literal["reprobe-board-1"] = "reprobe-board-1"
@@ -22,7 +21,13 @@ SAME_SIZE = 0.2
 """Targets whose diameters differ by less than this share look alike to the camera."""
 
 
-class BoardPoint(Wire):
+class BoardModel(BaseModel):
+    """Base of what a board file holds: frozen, nothing unknown."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class BoardPoint(BoardModel):
     """One round bare-metal target on the probed side."""
 
     name: str
@@ -46,7 +51,7 @@ class BoardPoint(Wire):
         return self.why_not is None
 
 
-class Board(Wire):
+class Board(BoardModel):
     """One side of one board."""
 
     format: Literal["reprobe-board-1"] = BOARD_FORMAT

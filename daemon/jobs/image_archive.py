@@ -13,9 +13,10 @@ from typing import Literal
 import cv2
 import structlog
 
+from daemon.domain.results import JobResult
 from daemon.jobs.context import Job
 from daemon.station.station import Look as Seen
-from daemon.wire.requests import AnyJob, JobResult, Look
+from daemon.wire.requests import AnyJob, Look
 from drivers.camera.contract import Pixels
 from vision import Tip
 from vision.annotate.draw import draw_control_point, draw_test_points, draw_tip

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Protocol
 
+from daemon.domain.results import JobResult
 from daemon.jobs.context import Job
-from daemon.wire.requests import JobResult
+from daemon.wire.events import Topic
 
 
 class Hooks:
@@ -23,3 +24,10 @@ class Hooks:
 
     def flagged(self, name: str, message: str | None) -> None:
         """Hear that something of the daemon's own is wrong; with None, that it no longer is."""
+
+
+class Publisher(Protocol):
+    """Where events go."""
+
+    def publish(self, topic: Topic, body: dict[str, Any], seq: int | None = None) -> int:
+        """Send one event and return its number; a number taken earlier (for the journal) is used as it is."""

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from daemon.domain.board import Board
 from daemon.domain.errors import Fault, Kind
-from daemon.wire.requests import AnyJob, ErrorBody
+from daemon.domain.results import ErrorBody
+from daemon.wire.requests import AnyJob
 
 
 def refuse_in_fault(request: AnyJob, latched: Fault | None) -> None:

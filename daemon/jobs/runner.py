@@ -17,32 +17,21 @@ import structlog
 
 from daemon.config.model import ServoSection
 from daemon.domain.errors import Fault, Kind
+from daemon.domain.results import ErrorBody, JobResult
 from daemon.domain.states import BUSY, Event, Machine, State
 from daemon.jobs.context import Bench, Errand, Job, Outcome
 from daemon.jobs.fair_queue import FairQueue
 from daemon.jobs.image_archive import Pictures
-from daemon.jobs.observer import Hooks
+from daemon.jobs.observer import Hooks, Publisher
 from daemon.jobs.preconditions import refuse_in_fault, refuse_other_request, refuse_unknown_point
 from daemon.jobs.watchdog import Vigil
-from daemon.platform.clock import due_at_s, utc_now
-from daemon.procedures.align import align
-from daemon.procedures.basic import home, look, place
-from daemon.procedures.calibrate.dispatch import calibrate
-from daemon.procedures.correct import correct
-from daemon.server.event_publisher import Events
+from daemon.platform.clock import utc_now
 from daemon.station.device_errors import as_fault, forget_frames
 from daemon.storage.journal import Journal
-from daemon.wire.requests import AnyJob, ErrorBody, JobResult
+from daemon.wire.deadline import due_at_s
+from daemon.wire.requests import AnyJob
 from drivers.deadline import Deadline
 
-ERRANDS: Mapping[str, Errand] = {
-    "correct": correct,
-    "place": place,
-    "look": look,
-    "align": align,
-    "calibrate": calibrate,
-    "home": home,
-}
 LENGTHY = frozenset({"calibrate", "align"})
 """Jobs of minutes, whose deadline is another one where the request brings none."""
 DARK_WITHIN_S = 2.0
@@ -66,8 +55,10 @@ class _Ticket:
 class Jobs:
     """Take requests, run them one after the other, remember their results."""
 
-    def __init__(self, machine: Machine, journal: Journal, events: Events, pictures: Pictures, station: str,
-                 servo: ServoSection, queue_length: int, queue_per_client: int | None = None) -> None:  # fmt: skip
+    def __init__(self, machine: Machine, journal: Journal, events: Publisher, pictures: Pictures, station: str,
+                 servo: ServoSection, procedures: Mapping[str, Errand], queue_length: int,
+                 queue_per_client: int | None = None) -> None:  # fmt: skip
+        self._procedures = procedures
         self._machine, self._journal, self._events, self._pictures = machine, journal, events, pictures
         self._station, self._servo, self._queue_length = station, servo, queue_length
         self._queue_per_client = queue_length if queue_per_client is None else queue_per_client
@@ -242,7 +233,7 @@ class Jobs:
 
     async def _errand(self, ticket: _Ticket, job: Job, bench: Bench) -> Outcome:
         """Run the errand as a task of its own, so that `cancel` reaches it and nothing else."""
-        ticket.task = asyncio.create_task(self._timed(ERRANDS[ticket.request.op], job, bench))
+        ticket.task = asyncio.create_task(self._timed(self._procedures[ticket.request.op], job, bench))
         try:
             return await asyncio.shield(ticket.task)
         except asyncio.CancelledError:

@@ -9,15 +9,11 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Final, Literal
 
+from daemon.config.watch_names import AXES, SECTOR_DEG, sector_name
 from daemon.maintenance.proportion_test import ShareSettings
 from daemon.maintenance.xmr_chart import ChartSettings
 
 Base = Literal["probe", "map", "rotation", "surface", "alignment"]
-GROUPS: Final = (
-    "placement", "corrections", "tip", "light", "camera", "axes", "bus", "calibration", "probe", "daemon",
-)  # fmt: skip
-AXES: Final = ("x", "y", "z", "theta")
-SECTOR_DEG: Final = 45
 BOARD: Final = 100
 """Touches that are likely to be of one board, and so share where it lies and how high."""
 LEARNED: Final = ("probe", "map", "rotation", "surface")
@@ -173,17 +169,12 @@ _LIMITS: Final = (
 _SINGLE: Final = (*_PLACEMENT, _CORRECTIONS, *_FAILURES, *_TIP, *_LIGHT, *_CAMERA, *_STOPS, *_LIMITS)
 
 
-def sector_of(theta_deg: float) -> str:
-    """Return the name of the sector watch that a head angle belongs to."""
-    return f"{_SECTOR.name}_{int(theta_deg % 360.0 // SECTOR_DEG) * SECTOR_DEG:03d}"
-
-
 def all_specs(buses: Iterable[str]) -> Iterator[Spec]:
     """Yield every watch of a station with these lines."""
     yield from _SINGLE
     for start in range(0, 360, SECTOR_DEG):
         what = f"{_SECTOR.what} {start}..{start + SECTOR_DEG} deg"
-        yield replace(_SECTOR, name=sector_of(start), what=what)
+        yield replace(_SECTOR, name=sector_name(start), what=what)
     for bus in sorted(buses):
         for spec in _BUS:
             yield replace(spec, name=f"{spec.name}_{bus}", what=f"{spec.what} on line {bus!r}")
@@ -220,8 +211,3 @@ def _shorter(baseline: int, batch: int) -> tuple[int, int]:
     """Return the windows of a sector: two thirds of the baseline, a batch one shorter."""
     size = max(1, batch - 1)
     return max(2 * size, baseline * 2 // 3), size
-
-
-def is_known(name: str, buses: Iterable[str]) -> bool:
-    """Tell whether a name is that of a watch or a group."""
-    return name in GROUPS or any(spec.name == name for spec in all_specs(buses))

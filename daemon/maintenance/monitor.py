@@ -18,8 +18,9 @@ import structlog
 
 from daemon.config.model import Config
 from daemon.domain.errors import Fault, Kind
+from daemon.domain.results import JobResult
 from daemon.jobs.context import Job
-from daemon.jobs.observer import Hooks
+from daemon.jobs.observer import Hooks, Publisher
 from daemon.maintenance.alerts import Alert, Alerts, Told
 from daemon.maintenance.calibration_signals import Learned
 from daemon.maintenance.catalogue import chosen
@@ -30,12 +31,10 @@ from daemon.maintenance.panel import Panel, Row
 from daemon.maintenance.signals import Landings, Numbers, Step, of_ending, of_looks
 from daemon.maintenance.types import Finding
 from daemon.platform.clock import utc_now
-from daemon.server.event_publisher import Events
 from daemon.station.devices import Hardware
 from daemon.station.station import Look
 from daemon.storage.calibration_store import Calibrations
 from daemon.storage.journal import Journal
-from daemon.wire.requests import JobResult
 from vision import Tip
 
 QUEUE = 256
@@ -82,7 +81,7 @@ class _Flagged:
 class Keeper(Hooks):
     """Maintenance of one running daemon."""
 
-    def __init__(self, daemon: Watched, journal: Journal, events: Events) -> None:
+    def __init__(self, daemon: Watched, journal: Journal, events: Publisher) -> None:
         self._daemon, self._journal, self._events = daemon, journal, events
         self._panel = _panel(daemon.config)
         self.alerts = Alerts()

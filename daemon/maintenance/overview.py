@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from daemon.config.watch_names import GROUPS
 from daemon.maintenance.alerts import Alert
-from daemon.maintenance.catalogue import GROUPS
 from daemon.maintenance.panel import Panel
 
 

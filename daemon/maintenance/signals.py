@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
-from daemon.maintenance.catalogue import sector_of
+from daemon.config.watch_names import sector_name
+from daemon.domain.results import JobResult
 from daemon.storage.calibration_records import BacklashRecord, Record, RotationRecord, SurfaceRecord
-from daemon.wire.requests import JobResult
 
 Numbers = dict[str, list[float]]
 Step = tuple[str, Mapping[str, Any]]
@@ -62,7 +62,7 @@ class Landings:
             "placement_y": [y_um],
             "head_across": [x_um * math.cos(out) + y_um * math.sin(out)],
             "head_along": [y_um * math.cos(out) - x_um * math.sin(out)],
-            sector_of(theta_deg): [result.error_before_um],
+            sector_name(theta_deg): [result.error_before_um],
         }
         if len(steps) > 2 and [kind for kind, _ in steps[1:3]] == ["move", "look"] and "dx_um" in steps[2][1]:
             numbers["stop_scatter"] = [math.hypot(float(steps[2][1]["dx_um"]), float(steps[2][1]["dy_um"]))]

@@ -1,4 +1,4 @@
-"""Deadlines of requests and where a job's time went."""
+"""UTC timestamps, and a stopwatch that books a job's time."""
 
 from __future__ import annotations
 
@@ -8,9 +8,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 
-from daemon.domain.errors import Fault, Kind
-from daemon.wire.requests import ABSOLUTE_DEADLINE_FROM_MS
-
 WAITS = ("motion", "bus", "light", "exposure")
 """What a job waits for and cannot hurry; the rest of its time is software."""
 
@@ -18,17 +15,6 @@ WAITS = ("motion", "bus", "light", "exposure")
 def utc_now() -> str:
     """Return the present moment as ISO 8601 in UTC."""
     return datetime.now(UTC).isoformat(timespec="milliseconds")
-
-
-def due_at_s(deadline_ms: float | None, default_s: float) -> float:
-    """Turn a request's deadline into a monotonic time; raise `Fault` if it has passed already."""
-    now_s = time.monotonic()
-    if deadline_ms is None:
-        return now_s + default_s
-    left_ms = deadline_ms - time.time() * 1e3 if deadline_ms >= ABSOLUTE_DEADLINE_FROM_MS else deadline_ms
-    if left_ms <= 0:
-        raise Fault(Kind.STALE_DEADLINE, f"the deadline passed {-left_ms:.0f} ms ago", late_ms=round(-left_ms, 1))
-    return now_s + left_ms / 1e3
 
 
 class Stopwatch:

@@ -6,7 +6,10 @@ import asyncio
 import sys
 from collections.abc import Sequence
 
-from daemon.tools.report.command import NOT_WRITTEN, SAYS
+OK, NOT_WRITTEN, WRONG = 0, 1, 2
+"""Exit status: written; a file could not be read or written; the call, or what it names, is wrong."""
+SAYS = "reprobe report: "
+"""What such a process puts before its words."""
 
 
 async def draw(module: str, arguments: Sequence[str], within_s: float, nicer: int = 0) -> tuple[int, str]:

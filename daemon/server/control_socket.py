@@ -18,20 +18,18 @@ import zmq
 
 from daemon.config.model import ApiSection
 from daemon.domain.errors import Fault, Kind
+from daemon.domain.results import ErrorBody
 from daemon.domain.roles import Caller, require
 from daemon.server.auth import Guard
 from daemon.server.event_publisher import bind
 from daemon.server.rate_limit import RateLimit
 from daemon.station.device_errors import as_fault
+from daemon.wire.limits import HARD_LIMIT, MAX_HELD, MAX_PENDING
 from daemon.wire.replies import AnyReply, Refusal, Reply
-from daemon.wire.requests import AnyRequest, ErrorBody, parse_request
+from daemon.wire.requests import AnyRequest, parse_request
 
-HARD_LIMIT = 16 * 1024 * 1024
-"""ZeroMQ drops a peer beyond this without a word; up to it a message is answered with an error."""
 RECEIVE_QUEUE, SEND_QUEUE = 200, 200
 """Messages of one peer held for it; a peer that does not read its answers loses them."""
-MAX_PENDING, MAX_HELD = 1000, 100
-"""Replies that may be held at once for clients that wait: for all, and for one."""
 BATCH = 8
 """Messages taken in a row before whatever else the event loop has to do gets its turn."""
 MAX_ID = 128

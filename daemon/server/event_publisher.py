@@ -13,10 +13,9 @@ from daemon.platform.clock import utc_now
 from daemon.server.auth import Guard
 from daemon.storage.journal import Journal
 from daemon.wire.events import Topic, event
+from daemon.wire.limits import EVENT_QUEUE
 
 Count = Callable[[str, Mapping[str, Any]], None]
-SEND_QUEUE = 1000
-"""Events kept for a subscriber that is slow; beyond these it loses events, never the daemon."""
 BIND_AGAIN_S, GIVE_UP_S = 0.01, 5.0
 log = structlog.get_logger(__name__)
 
@@ -54,7 +53,7 @@ class Events:
 
     def _open(self) -> zmq.Socket[bytes]:
         socket: zmq.Socket[bytes] = self._context.socket(zmq.PUB)
-        socket.setsockopt(zmq.SNDHWM, SEND_QUEUE)
+        socket.setsockopt(zmq.SNDHWM, EVENT_QUEUE)
         socket.setsockopt(zmq.LINGER, 200)
         self._guard.protect(socket)
         return socket

@@ -8,16 +8,17 @@ from typing import Protocol
 from daemon.config.model import Config
 from daemon.domain.board import Board
 from daemon.domain.errors import Fault, Kind
+from daemon.domain.results import ErrorBody
 from daemon.domain.roles import Caller, may
 from daemon.domain.states import BUSY, Machine
 from daemon.jobs.image_archive import Pictures
 from daemon.jobs.runner import Jobs
 from daemon.maintenance.monitor import Keeper
-from daemon.platform.clock import due_at_s
 from daemon.storage.calibration_store import Calibrations
 from daemon.storage.journal import Journal
 from daemon.telemetry.metrics import Metrics
 from daemon.telemetry.vitals import Vitals
+from daemon.wire.deadline import due_at_s
 from daemon.wire.events import TOPICS, AlertFacts
 from daemon.wire.replies import (
     AcknowledgeReply,
@@ -53,7 +54,6 @@ from daemon.wire.requests import (
     Cancel,
     Correct,
     Describe,
-    ErrorBody,
     Home,
     Look,
     Place,

@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from daemon.domain.errors import Fault, Kind
+from daemon.domain.results import JobResult
 from daemon.platform.clock import utc_now
 from daemon.storage.journal_schema import close_file, is_damage, open_file, set_meta
-from daemon.wire.requests import JobResult
 
 SEQ_BLOCK = 1000
 JOBS_KEPT = 200_000

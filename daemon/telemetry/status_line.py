@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Protocol
 
 from daemon.domain.errors import Fault
+from daemon.domain.results import JobResult
 from daemon.domain.states import BUSY, Machine
 from daemon.jobs.runner import Jobs
 from daemon.platform.systemd_notify import Notifier
-from daemon.wire.requests import JobResult
 
 
 class Stands(Protocol):

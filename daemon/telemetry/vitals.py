@@ -6,7 +6,6 @@ replaced whole, never changed in place.
 
 from __future__ import annotations
 
-import ctypes
 import threading
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
@@ -16,9 +15,6 @@ from typing import Any, Protocol
 from daemon.jobs.runner import Jobs
 from daemon.station.devices import Hardware
 from daemon.storage.calibration_store import Calibrations
-
-_M_ARENA_MAX = -8
-ARENAS = 2
 
 
 @dataclass(frozen=True)
@@ -79,17 +75,3 @@ def _size(file: Path) -> int:
         return file.stat().st_size
     except OSError:
         return 0
-
-
-def few_arenas() -> None:
-    """Tell the C library to share few pools among the threads: each would keep the pictures it once held."""
-    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
-    if mallopt is not None:
-        mallopt(_M_ARENA_MAX, ARENAS)
-
-
-def give_back_memory() -> None:
-    """Give memory that no picture needs any more back to the system; a few ms, to be called where nothing waits."""
-    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
-    if trim is not None:
-        trim(0)

@@ -27,12 +27,12 @@ from pydantic import BaseModel, SecretBytes, SecretStr, ValidationError
 
 from daemon.client import Client, NoAnswer, Refused, from_here
 from daemon.config.model import Config, ConfigError, load_config
+from daemon.domain.results import JobResult
 from daemon.platform.atomic_file import replace_whole
 from daemon.platform.clock import utc_now
 from daemon.storage.calibration_records import read_record
 from daemon.storage.journal_reader import JournalReader, NoJournal
 from daemon.wire.curve_keys import SERVER_FILE, KeyTrouble, read_private
-from daemon.wire.requests import JobResult
 
 JOBS, LOG_LINES = 1000, 5000
 ASK_WITHIN_S = 2.0

@@ -8,7 +8,8 @@ from typing import Any, Final, Literal
 
 from pydantic import ConfigDict, Field
 
-from daemon.wire.requests import WIRE_VERSION, ErrorBody, JobResult, Told
+from daemon.domain.results import ErrorBody, JobResult, Told
+from daemon.wire.requests import WIRE_VERSION
 
 Topic = Literal["state", "result", "alert", "heartbeat", "progress", "log"]
 

@@ -10,9 +10,10 @@ from typing import Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from daemon.domain.results import ErrorBody, JobResult, Told
 from daemon.domain.roles import Role
 from daemon.wire.events import AlertFacts
-from daemon.wire.requests import WIRE_VERSION, ErrorBody, JobResult, Told
+from daemon.wire.requests import WIRE_VERSION
 
 
 class AnyReply(BaseModel):

@@ -16,9 +16,6 @@ WIRE_VERSION: Literal[1] = 1
 VERSIONS: tuple[int, ...] = (WIRE_VERSION,)
 """All versions this daemon speaks; `describe` and the refusal of any other list them."""
 
-ABSOLUTE_DEADLINE_FROM_MS = 10**11
-"""Deadlines from here on are Unix time; smaller ones are a budget that starts when the request arrives."""
-
 Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[\w.+:/@#-]+$")]
 JobId = Annotated[str, Field(min_length=1, max_length=128, description="the caller's idempotency key")]
 Px = Annotated[float, Field(ge=-1e5, le=1e5, allow_inf_nan=False)]
@@ -29,12 +26,6 @@ class Wire(BaseModel):
     """Base of everything on the wire: frozen, nothing unknown."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class Told(BaseModel):
-    """Base of what the daemon says: frozen; who reads it ignores fields it does not know, for more may be added."""
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
 
 class Request(Wire):
@@ -216,54 +207,6 @@ OPS: tuple[str, ...] = tuple(
         Acknowledge, Report, Describe,
     )
 )  # fmt: skip
-
-
-class ErrorBody(Told):
-    """One kind of trouble on the wire."""
-
-    code: int
-    name: str
-    message: str
-    advice: str
-    detail: dict[str, Any] = {}
-
-    @classmethod
-    def of(cls, fault: Fault) -> ErrorBody:
-        """Turn a fault into its wire form."""
-        detail = {key: value for key, value in fault.detail.items() if key != "advice"}
-        return cls(
-            code=fault.kind.code,
-            name=fault.kind.wire_name,
-            message=fault.message,
-            advice=fault.advice,
-            detail=detail,
-        )
-
-
-class JobResult(Told):
-    """How a job ended. The same model is journalled, published and answered."""
-
-    id: str
-    op: str
-    ok: bool
-    seq: int = Field(description="number of the `result` event that carried it")
-    station: str
-    finished_at: str = Field(description="UTC, ISO 8601")
-    outcome: str = Field(
-        description="corrected, already_on_target, placed, looked, aligned, calibrated, homed or failed"
-    )
-    test_point: str | None = None
-    error_before_um: float | None = None
-    error_after_um: float | None = None
-    looks: int = 0
-    moves: int = 0
-    timing_ms: dict[str, dict[str, float]] = Field(
-        default={},
-        description="state -> what the time went on (motion, bus, light, exposure, software), in ms",
-    )
-    pictures: str | None = Field(default=None, description="folder of the kept pictures on the station")
-    detail: dict[str, Any] = {}
-    error: ErrorBody | None = None
 
 
 def parse_request(raw: Any) -> AnyRequest:

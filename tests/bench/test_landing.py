@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from daemon.domain.results import ErrorBody, JobResult
 from daemon.tools.cad_import import import_board
-from daemon.wire.requests import ErrorBody, JobResult
 from sim_hw.board.board import load_board
 from tests.bench.landing import __main__ as command
 from tests.bench.landing import campaign, judge, table

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from daemon.client import Client, Subscription
-from daemon.wire.requests import JobResult
+from daemon.domain.results import JobResult
 from tests.station.rig import Rig, running_rig
 
 ANGLES = 10

@@ -15,8 +15,8 @@ from typing import Any
 
 from daemon.client import Client
 from daemon.domain.board import Board, BoardPoint
+from daemon.domain.results import JobResult
 from daemon.tools.demo.processes import Bench
-from daemon.wire.requests import JobResult
 
 CLICK_ERROR_PX, CLICKS = 0.4, 5
 """A person who points at the needle's end in a magnified picture is off by this much (1 sigma), and clicks so often."""

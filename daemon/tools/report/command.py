@@ -10,9 +10,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import NoReturn
 
-OK, NOT_WRITTEN, WRONG = 0, 1, 2
-"""Exit status: written; a file could not be read or written; the call, or what it names, is wrong."""
-SAYS = "reprobe report: "
+from daemon.platform.subprocess import NOT_WRITTEN, OK, SAYS, WRONG
+
+__all__ = ["NOT_WRITTEN", "OK", "WRONG", "Parser", "own_settings", "say"]
 
 
 class Parser(argparse.ArgumentParser):

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from matplotlib.axes import Axes
 
-from daemon.maintenance.catalogue import GROUPS
+from daemon.config.watch_names import GROUPS
 from daemon.platform.atomic_file import replace_whole
 from daemon.tools.report.month_facts import Course, Month
 from daemon.tools.report.page import Number, Plot, Verdict, environment, rounded, write_text

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, Final
 
 from daemon.domain.errors import Fault, Kind
-from daemon.wire.requests import ErrorBody
+from daemon.domain.results import ErrorBody
 
 _AT: Final = "2025-03-04T09:30:12.345+00:00"
 _ENVELOPE: Final = {"v": 1, "version": "0.1.0"}

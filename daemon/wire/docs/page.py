@@ -9,25 +9,23 @@ from typing import Any, Final, get_args
 
 from pydantic import BaseModel
 
-from daemon.config.model import ApiSection
 from daemon.domain.errors import Kind
 from daemon.domain.roles import ROLES, least_role
-from daemon.server.control_socket import HARD_LIMIT, MAX_HELD, MAX_PENDING
-from daemon.server.event_publisher import SEND_QUEUE
 from daemon.wire.docs import examples as wire_examples
 from daemon.wire.docs import text as wire_words
 from daemon.wire.events import TOPICS, Event
+from daemon.wire.limits import EVENT_QUEUE, HARD_LIMIT, MAX_HELD, MAX_PENDING
 from daemon.wire.replies import REPLIES, AnyReply, Refusal, Reply
 from daemon.wire.requests import OPS, VERSIONS, AnyRequest, Request
 
 LIMITS: Final = ("max_message_bytes", "rate_per_s", "rate_burst", "queue_length", "queue_per_client", "heartbeat_s")
 
 
-def page() -> str:
-    """Return the whole page."""
+def page(api: type[BaseModel]) -> str:
+    """Return the whole page; `api` is the section of the configuration whose defaults it tells."""
     parts = [
         wire_words.INTRO, wire_words.VERSIONS, f"Versions spoken: {', '.join(map(str, VERSIONS))}.\n",
-        _envelopes(), wire_words.JOBS, wire_words.LATE, wire_words.KEYS, _roles(), _limits(),
+        _envelopes(), wire_words.JOBS, wire_words.LATE, wire_words.KEYS, _roles(), _limits(api),
         "## Operations\n", *(_operation(op) for op in OPS),
         "## Events\n", *(_event(topic, model) for topic, model in TOPICS.items()), _inner(), _errors(),
     ]  # fmt: skip
@@ -56,15 +54,14 @@ def _roles() -> str:
     return _table(("role", "may ask")) + "\n".join(said) + "\n\nAll roles hear the events.\n"
 
 
-def _limits() -> str:
-    api = ApiSection()
-    fields = ApiSection.model_fields
-    rows = [(f"`api.{name}`", str(getattr(api, name)), fields[name].description or "") for name in LIMITS]
+def _limits(api: type[BaseModel]) -> str:
+    fields = api.model_fields
+    rows = [(f"`api.{name}`", str(fields[name].default), fields[name].description or "") for name in LIMITS]
     rows += [
         ("", str(HARD_LIMIT), "bytes beyond which a connection is cut without an answer"),
         ("", str(MAX_HELD), "replies held at once for one client that waits"),
         ("", str(MAX_PENDING), "the same for all"),
-        ("", str(SEND_QUEUE), "events held for a slow subscriber"),
+        ("", str(EVENT_QUEUE), "events held for a slow subscriber"),
     ]
     body = "\n".join(f"| {' | '.join(row)} |" for row in rows)
     return f"## Limits\n\n{_table(('setting', 'default', 'what'))}{body}\n"

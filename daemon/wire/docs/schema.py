@@ -33,9 +33,12 @@ def schemas() -> dict[str, dict[str, Any]]:
     }
 
 
-def write(folder: Path) -> list[Path]:
-    """Write `wire.md` and `schema/*.schema.json` into a folder; return what was written."""
-    texts = {folder / "wire.md": page()} | {
+def write(folder: Path, api: type[BaseModel]) -> list[Path]:
+    """Write `wire.md` and `schema/*.schema.json` into a folder; return what was written.
+
+    `api`: the section of the configuration whose defaults the page tells.
+    """
+    texts = {folder / "wire.md": page(api)} | {
         folder / "schema" / f"{name}.schema.json": json.dumps(schema, indent=1, sort_keys=True) + "\n"
         for name, schema in schemas().items()
     }

@@ -16,9 +16,9 @@ from typing import Any
 
 from daemon.client import Client, NoAnswer
 from daemon.domain.board import Board
+from daemon.domain.results import JobResult
 from daemon.tools.demo.processes import StartError
 from daemon.tools.demo.session import BESIDE_BOARD_UM, choose_fiducials, choose_mark, choose_points, point_at_tip
-from daemon.wire.requests import JobResult
 from sim_hw.board.board import Board as RealBoard
 from sim_hw.board.board import load_board
 from tests.bench.landing.judge import CORRECTED_UM

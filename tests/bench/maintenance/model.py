@@ -20,9 +20,9 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
+from daemon.domain.results import ErrorBody, JobResult
 from daemon.maintenance.panel import Row
 from daemon.maintenance.signals import AxisWords, Landings, Numbers, Step, of_axes, of_ending, of_looks
-from daemon.wire.requests import ErrorBody, JobResult
 from tests.bench.maintenance.wrong import SHARE, Wrong
 
 PHASE_DEG = -3.054

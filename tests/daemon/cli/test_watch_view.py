@@ -7,8 +7,8 @@ from typing import Any
 from rich.console import Console
 
 from daemon.cli.watch_view import SILENT_S, View
+from daemon.domain.results import JobResult
 from daemon.platform.clock import utc_now
-from daemon.wire.requests import JobResult
 
 SNAPSHOT: dict[str, Any] = {
     "station": "s1", "state": "idle", "fault": None, "running": None, "queued": 0, "next_seq": 10, "last_result": None,

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from daemon.domain.results import JobResult
 from daemon.jobs.image_archive import Pictures
 from daemon.platform.clock import utc_now
-from daemon.wire.requests import Correct, JobResult, Look
+from daemon.wire.requests import Correct, Look
 from vision import NotFound, Reason
 
 

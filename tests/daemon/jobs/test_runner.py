@@ -7,11 +7,12 @@ import pytest
 
 from daemon.config.model import ServoSection
 from daemon.domain.errors import Fault, Kind
+from daemon.domain.results import JobResult
 from daemon.domain.states import Machine
 from daemon.jobs.runner import Jobs
 from daemon.platform.clock import utc_now
 from daemon.storage.journal import Journal
-from daemon.wire.requests import Home, JobResult, Place
+from daemon.wire.requests import Home, Place
 
 HOME = Home(op="home", id="a")
 WRITTEN = HOME.model_dump_json(exclude={"wait", "deadline_ms"})

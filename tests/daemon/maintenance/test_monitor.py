@@ -14,11 +14,11 @@ import pytest
 
 from daemon.config.model import MaintenanceSection, load_config
 from daemon.domain.errors import Fault, Kind
+from daemon.domain.results import ErrorBody, JobResult
 from daemon.maintenance.monitor import Keeper
 from daemon.storage.calibration_store import Calibrations
 from daemon.storage.journal import Journal
 from daemon.tools.demo.settings import Places, write_settings
-from daemon.wire.requests import ErrorBody, JobResult
 
 REFUSED = ErrorBody(code=2101, name="tip_not_found", message="", advice="")
 

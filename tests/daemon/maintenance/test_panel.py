@@ -7,7 +7,8 @@ from collections.abc import Iterator
 import pytest
 
 from daemon.config.model import MaintenanceSection
-from daemon.maintenance.catalogue import GROUPS, all_specs, chosen, is_known, sector_of
+from daemon.config.watch_names import GROUPS, is_known, sector_name, watch_names
+from daemon.maintenance.catalogue import all_specs, chosen
 from daemon.maintenance.panel import Panel, Row
 from tests.bench.maintenance.histories import new_panel
 from tests.bench.maintenance.model import StationModel
@@ -37,7 +38,7 @@ def test_every_watch_has_a_name_of_its_own_a_known_group_and_advice() -> None:
     assert len({spec.name for spec in specs}) == len(specs)
     assert {spec.group for spec in specs} == set(GROUPS)
     assert all(spec.advice and spec.what for spec in specs)
-    assert {"bus_timeouts_main", "bus_garbled_second", sector_of(359.9), "drive_theta", "more_moves"} <= {
+    assert {"bus_timeouts_main", "bus_garbled_second", sector_name(359.9), "drive_theta", "more_moves"} <= {
         s.name for s in specs
     }
 
@@ -103,3 +104,9 @@ def test_a_stream_nobody_watches_is_no_trouble() -> None:
     panel = new_panel()
     panel.take(Row("t", 0, "", {"weather": [1.0]}))
     assert panel.findings() == {}
+
+
+def test_the_configuration_knows_the_names_of_just_these_watches() -> None:
+    buses = ("main", "second")
+    assert sorted(watch_names(buses)) == sorted(spec.name for spec in all_specs(buses))
+    assert {spec.group for spec in all_specs(buses)} == set(GROUPS)

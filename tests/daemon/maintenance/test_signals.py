@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from daemon.domain.results import ErrorBody, JobResult
 from daemon.maintenance.limit_check import Limit
 from daemon.maintenance.signals import (
     AxisWords,
@@ -18,7 +19,6 @@ from daemon.maintenance.signals import (
     of_looks,
 )
 from daemon.maintenance.types import Point
-from daemon.wire.requests import ErrorBody, JobResult
 from tests.daemon.tools.report.synthetic import backlash_record, map_record, rotation_record
 
 NOW = datetime(2026, 11, 24, tzinfo=UTC)

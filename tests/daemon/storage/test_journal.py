@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from daemon.domain.errors import Fault, Kind
+from daemon.domain.results import JobResult
 from daemon.platform.clock import utc_now
 from daemon.storage.journal import SEQ_BLOCK, Journal
 from daemon.storage.journal_schema import BASE_TABLES, SCHEMA_VERSION
-from daemon.wire.requests import JobResult
 
 
 def _result(journal: Journal, job_id: str) -> JobResult:

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 import pytest_asyncio
 
+from daemon.domain.results import ErrorBody, JobResult
 from daemon.platform.clock import utc_now
 from daemon.storage import journal_reader
 from daemon.storage.journal import Journal
 from daemon.storage.journal_reader import JournalReader, NoJournal
-from daemon.wire.requests import ErrorBody, JobResult
 
 ERROR = ErrorBody(code=2101, name="tip_not_found", message="not there", advice="look")
 FIRST_SCHEMA = """

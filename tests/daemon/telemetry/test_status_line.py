@@ -6,11 +6,11 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 from daemon.domain.errors import Fault, Kind
+from daemon.domain.results import ErrorBody, JobResult
 from daemon.domain.states import State
 from daemon.platform.clock import utc_now
 from daemon.platform.systemd_notify import Notifier
 from daemon.telemetry.status_line import Standing
-from daemon.wire.requests import ErrorBody, JobResult
 
 
 class Heard(Notifier):

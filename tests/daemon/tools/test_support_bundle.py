@@ -12,12 +12,12 @@ from pydantic import BaseModel, Field, SecretStr
 from typer.testing import CliRunner
 
 from daemon.cli.app import app
+from daemon.domain.results import ErrorBody, JobResult
 from daemon.platform.clock import utc_now
 from daemon.storage.journal import Journal
 from daemon.tools.demo.settings import Places, write_settings
 from daemon.tools.support_bundle import Bundle, collect, without_secrets
 from daemon.wire.curve_keys import new_server
-from daemon.wire.requests import ErrorBody, JobResult
 
 PLANTED = "planted-Zz9-secret"
 JPEG = b"\xff\xd8\xff\xe0 a picture \xff\xd9"

@@ -11,7 +11,9 @@ from pydantic import ValidationError
 from typer.testing import CliRunner
 
 from daemon.cli.app import app
+from daemon.config.model import ApiSection
 from daemon.domain.errors import Kind
+from daemon.domain.results import JobResult
 from daemon.domain.roles import LEAST_ROLE, may
 from daemon.maintenance.alerts import Alert
 from daemon.wire.docs import examples as wire_examples
@@ -19,14 +21,14 @@ from daemon.wire.docs.page import page, requests
 from daemon.wire.docs.schema import schemas, write
 from daemon.wire.events import TOPICS, AlertFacts, ResultEvent
 from daemon.wire.replies import REPLIES, Refusal
-from daemon.wire.requests import OPS, VERSIONS, JobResult, Request, parse_request
+from daemon.wire.requests import OPS, VERSIONS, Request, parse_request
 
 DOC = Path(__file__).parents[3] / "doc"
 
 
 def test_the_committed_page_and_schemas_are_what_the_code_makes(tmp_path: Path) -> None:
     """Where this fails: `reprobe schema --out doc`, and look at the difference: the wire has changed."""
-    made = {path.relative_to(tmp_path): path.read_text() for path in write(tmp_path)}
+    made = {path.relative_to(tmp_path): path.read_text() for path in write(tmp_path, ApiSection)}
     kept = {path.relative_to(DOC): path.read_text() for path in (DOC / "wire.md", *(DOC / "schema").iterdir())}
     assert made.keys() == kept.keys()
     for name, text in made.items():
@@ -62,13 +64,13 @@ def test_a_refusal_carries_its_version_code_and_advice() -> None:
 
 
 def test_every_error_is_on_the_page_with_cause_and_cure() -> None:
-    text = page()
+    text = page(ApiSection)
     for kind in Kind:
         assert f"| {kind.code} | `{kind.wire_name}` | {kind.value.cause} | {kind.value.advice} |" in text
 
 
 def test_every_link_of_the_page_leads_somewhere() -> None:
-    text = page()
+    text = page(ApiSection)
     anchors = {title.lower().replace(" ", "-") for title in re.findall(r"^#+ (.*)$", text, flags=re.MULTILINE)}
     links = set(re.findall(r"\]\(#([\w-]+)\)", text))
     assert links
@@ -118,4 +120,4 @@ def test_the_command_prints_the_schemas_or_writes_all(tmp_path: Path) -> None:
     assert json.loads(printed.stdout) == json.loads(json.dumps(schemas()))
     written = CliRunner().invoke(app, ["schema", "--out", str(tmp_path)])
     assert written.exit_code == 0
-    assert (tmp_path / "wire.md").read_text() == page()
+    assert (tmp_path / "wire.md").read_text() == page(ApiSection)

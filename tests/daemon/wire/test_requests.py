@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daemon.domain.errors import Fault, Kind
-from daemon.wire.requests import OPS, Correct, ErrorBody, Place, parse_request
+from daemon.domain.results import ErrorBody
+from daemon.wire.requests import OPS, Correct, Place, parse_request
 
 GOOD: list[dict[str, Any]] = [
     {"op": "correct", "id": "a", "test_point": "TP7"},

@@ -12,6 +12,7 @@ from daemon.tools.report.__main__ import main
 from tests.daemon.tools.report.synthetic import backlash_record, map_record
 
 ROOT = Path(__file__).parents[4]
+LOADED = "daemon.app.service, daemon.cli, daemon.tools.report.index"
 
 
 def _record(folder: Path, name: str = "now.json", **changes: object) -> Path:
@@ -116,5 +117,8 @@ def test_the_command_runs_without_a_home_and_says_nothing_when_all_is_well(tmp_p
 
 
 def test_the_service_never_imports_matplotlib() -> None:
-    run = _run("-c", "import sys, daemon.app.service, daemon.cli, daemon.tools.report.index; print('matplotlib' in sys.modules)")
+    run = _run(
+        "-c",
+        "import sys, daemon.app.service, daemon.cli, daemon.tools.report.index; print('matplotlib' in sys.modules)",
+    )
     assert (run.stdout.strip(), run.returncode) == ("False", 0), run.stderr

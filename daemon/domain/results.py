@@ -1,0 +1,63 @@
+"""Results of jobs and error bodies, as they are stored, published and answered."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from daemon.domain.errors import Fault
+
+
+class Told(BaseModel):
+    """Base of what the daemon says: frozen; who reads it ignores fields it does not know, for more may be added."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+
+class ErrorBody(Told):
+    """One kind of trouble on the wire."""
+
+    code: int
+    name: str
+    message: str
+    advice: str
+    detail: dict[str, Any] = {}
+
+    @classmethod
+    def of(cls, fault: Fault) -> ErrorBody:
+        """Turn a fault into its wire form."""
+        detail = {key: value for key, value in fault.detail.items() if key != "advice"}
+        return cls(
+            code=fault.kind.code,
+            name=fault.kind.wire_name,
+            message=fault.message,
+            advice=fault.advice,
+            detail=detail,
+        )
+
+
+class JobResult(Told):
+    """How a job ended. The same model is journalled, published and answered."""
+
+    id: str
+    op: str
+    ok: bool
+    seq: int = Field(description="number of the `result` event that carried it")
+    station: str
+    finished_at: str = Field(description="UTC, ISO 8601")
+    outcome: str = Field(
+        description="corrected, already_on_target, placed, looked, aligned, calibrated, homed or failed"
+    )
+    test_point: str | None = None
+    error_before_um: float | None = None
+    error_after_um: float | None = None
+    looks: int = 0
+    moves: int = 0
+    timing_ms: dict[str, dict[str, float]] = Field(
+        default={},
+        description="state -> what the time went on (motion, bus, light, exposure, software), in ms",
+    )
+    pictures: str | None = Field(default=None, description="folder of the kept pictures on the station")
+    detail: dict[str, Any] = {}
+    error: ErrorBody | None = None

@@ -1,0 +1,10 @@
+"""Limits of both sockets that no configuration changes."""
+
+from __future__ import annotations
+
+HARD_LIMIT = 16 * 1024 * 1024
+"""ZeroMQ drops a peer beyond this without a word; up to it a message is answered with an error."""
+MAX_PENDING, MAX_HELD = 1000, 100
+"""Replies that may be held at once for clients that wait: for all, and for one."""
+EVENT_QUEUE = 1000
+"""Events kept for a subscriber that is slow; beyond these it loses events, never the daemon."""
