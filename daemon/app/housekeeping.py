@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from typing import Protocol
 
-from daemon.jobs.runner import Jobs
+from daemon.jobs.runner import JobRunner
 from daemon.platform.memory import give_back_memory
 from daemon.telemetry.metrics import Metrics
 
@@ -18,7 +18,7 @@ and then now and again, for what a job leaves to do (pictures, a page) ends late
 class Tended(Protocol):
     """Whom this looks after."""
 
-    jobs: Jobs
+    jobs: JobRunner
     metrics: Metrics
 
 

@@ -20,33 +20,33 @@ from daemon.app.housekeeping import tend
 from daemon.config.model import Config
 from daemon.config.reload import Change, Reloader
 from daemon.domain.board import Board
-from daemon.domain.errors import Fault, Kind
+from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.results import ErrorBody, JobResult
 from daemon.domain.states import Event, Machine, State
-from daemon.jobs.context import Bench
-from daemon.jobs.image_archive import Pictures
-from daemon.jobs.runner import Jobs
-from daemon.jobs.watchdog import Vigil
-from daemon.maintenance.monitor import Keeper
+from daemon.jobs.context import StationContext
+from daemon.jobs.image_archive import ImageArchive
+from daemon.jobs.runner import JobRunner
+from daemon.jobs.watchdog import Watchdog
+from daemon.maintenance.monitor import Monitor
 from daemon.platform.clock import utc_now
 from daemon.platform.instance_lock import alone
 from daemon.platform.memory import few_arenas
 from daemon.platform.systemd_notify import Notifier
 from daemon.procedures.registry import PROCEDURES
-from daemon.server.auth import Guard
+from daemon.server.auth import Authenticator
 from daemon.server.control_socket import ControlSocket
-from daemon.server.event_publisher import Events
-from daemon.server.handlers import Ops
+from daemon.server.event_publisher import EventPublisher
+from daemon.server.handlers import Handlers
 from daemon.server.keyring import Keyring
 from daemon.station.device_errors import as_fault
 from daemon.station.devices import Hardware, open_hardware
 from daemon.station.kinematics import Geometry
-from daemon.station.safe_shutdown import REFERENCE_LOST, leave
+from daemon.station.safe_shutdown import REFERENCE_LOST, shut_down
 from daemon.station.station import Station
 from daemon.storage.calibration_store import Calibrations
 from daemon.storage.journal import Journal
 from daemon.telemetry.metrics import Metrics
-from daemon.telemetry.status_line import Standing
+from daemon.telemetry.status_line import StatusLine
 from daemon.telemetry.vitals import Vitals, read_vitals
 from drivers.deadline import Deadline
 from drivers.errors import DeviceError
@@ -104,28 +104,28 @@ class Service:
             stack.push_async_callback(self._journal.close)
             context = zmq.asyncio.Context()
             stack.callback(context.destroy, linger=LINGER_MS)
-            guard = Guard(config.api.role, Keyring(config.api.keys_dir) if config.api.curve else None)
+            guard = Authenticator(config.api.role, Keyring(config.api.keys_dir) if config.api.curve else None)
             guard.start(context)
             stack.callback(guard.stop)
-            self._events = Events(
+            self._events = EventPublisher(
                 zmq.Context(context), config.api.events, config.station.name, self._journal, self.metrics.take, guard
             )
             stack.callback(self._events.close)
             self.machine = Machine(self._publish_state)
-            self.pictures = Pictures(
+            self.pictures = ImageArchive(
                 config.station.data_dir / "pictures", config.station.pictures, config.station.pictures_quota_mb
             )
-            self.jobs = Jobs(
+            self.jobs = JobRunner(
                 self.machine, self._journal, self._events, self.pictures, config.station.name,
                 config.servo, PROCEDURES, config.api.queue_length, config.api.queue_per_client,
             )  # fmt: skip
-            self.keeper = Keeper(self, self._journal, self._events)
-            self.jobs.hooks = self.keeper
+            self.monitor = Monitor(self, self._journal, self._events)
+            self.jobs.observer = self.monitor
             self._tell_manager(stack)
             self._serve_metrics(stack)
-            self._control = ControlSocket(context, config.api, self.version, Ops(self, self._journal), guard)
+            self._control = ControlSocket(context, config.api, self.version, Handlers(self, self._journal), guard)
             stack.callback(self._control.close)
-            stack.push_async_callback(self._let_go)
+            stack.push_async_callback(self._release)
             self._trap_signals()
             await self._serve(self._control)
         log.info("stopped")
@@ -133,9 +133,9 @@ class Service:
     def _tell_manager(self, stack: AsyncExitStack) -> None:
         """Let the service manager see state and results, and the job loop feed its watchdog."""
         stack.callback(self._notifier.close)
-        self._standing = Standing(self, self._notifier)
-        self.jobs.told = self._standing.told
-        self.jobs.vigil = Vigil(self._notifier.feed, self._notifier.feed_every_s)
+        self._status_line = StatusLine(self, self._notifier)
+        self.jobs.on_result = self._status_line.on_result
+        self.jobs.watchdog = Watchdog(self._notifier.feed, self._notifier.feed_every_s)
         self._reloader = Reloader(
             self._path, lambda: self.config, self.jobs.between, self._take_over, self._tell_of_reload
         )
@@ -150,8 +150,8 @@ class Service:
         """Report what a stop interrupted, open the devices, then run everything until told to stop."""
         await self._journal.reserve_seqs()
         await self._report_interrupted()
-        await self.keeper.load()
-        for alert in self.keeper.alerts.standing.values():
+        await self.monitor.load()
+        for alert in self.monitor.alerts.standing.values():
             self.metrics.take("alert", alert.body("raised"))
         answering = asyncio.create_task(control.serve(), name="control")
         background = [
@@ -159,7 +159,7 @@ class Service:
             asyncio.create_task(self._supervise(), name="supervise"),
             asyncio.create_task(self._reloader.run(busy=lambda: self.jobs.running is not None), name="reload"),
             asyncio.create_task(tend(self), name="tend"),
-            asyncio.create_task(self.keeper.run(), name="maintenance"),
+            asyncio.create_task(self.monitor.run(), name="maintenance"),
         ]
         working = asyncio.create_task(self._open_and_work(), name="jobs")
         stopping = asyncio.create_task(self._stop.wait(), name="stop")
@@ -170,7 +170,7 @@ class Service:
         for task in (*background, working):
             task.cancel()
         await asyncio.wait([working, *background])
-        await self.keeper.close()
+        await self.monitor.close()
         await control.drain(within_s=1.0)
         answering.cancel()
         stopping.cancel()
@@ -180,7 +180,7 @@ class Service:
 
     async def _open_and_work(self) -> None:
         await self.reset()
-        self._standing.ready(await self._journal.last_result())
+        self._status_line.ready(await self._journal.last_result())
         # Jobs come after: the first one would have to wait for it anyway.
         await asyncio.to_thread(warm_up)
         if self._hardware is not None:
@@ -200,11 +200,11 @@ class Service:
                 await self._open(lost=before is not None and before.kind in REFERENCE_LOST)
             except Exception as exc:  # whatever keeps the station closed becomes its fault
                 fault = as_fault(exc)
-                if fault.kind is Kind.INTERNAL:
+                if fault.kind is FaultCode.INTERNAL:
                     log.exception("opening_failed_internally")
                 self.jobs.latch(_latched(fault))
                 log.error("station_not_ready", error=fault.message, advice=fault.advice)
-                self._standing.refresh()
+                self._status_line.refresh()
                 return fault
             self.jobs.clear()
             return None
@@ -216,15 +216,15 @@ class Service:
         self.pictures.adopt(config.station.pictures, config.station.pictures_quota_mb)
         self.jobs.adopt(config.servo, config.api.queue_length, config.api.queue_per_client)
         self._control.adopt(config.api)
-        self.keeper.adopt()
+        self.monitor.adopt()
         if self._hardware is not None:
-            self._set_bench(self._hardware)
+            self._set_context(self._hardware)
 
-    def _set_bench(self, hardware: Hardware) -> None:
+    def _set_context(self, hardware: Hardware) -> None:
         """Lay out what jobs work with."""
         geometry = Geometry(self.config, self.board, self.calibrations)
         station = Station(self.config, hardware)
-        self.jobs.bench = Bench(self.config, station, self.board, self.calibrations, geometry)
+        self.jobs.context = StationContext(self.config, station, self.board, self.calibrations, geometry)
 
     async def _open(self, *, lost: bool) -> None:
         """Open the hardware if need be, and see that it is fit to work; raise what is wrong.
@@ -235,7 +235,7 @@ class Service:
         if self._hardware is None:
             self.calibrations.load()
             self._hardware = await open_hardware(self.config, deadline)
-            self._set_bench(self._hardware)
+            self._set_context(self._hardware)
             log.info("station_open", camera=dict(self._hardware.camera.settings()))
             # The self-test has just asked them; what else they say of themselves is read once the start is over.
             found = self._hardware.found.values()
@@ -246,7 +246,7 @@ class Service:
         if not fit:
             await self._hardware.check_health(deadline)
         if not homed:
-            raise Fault(Kind.NOT_HOMED)
+            raise Fault(FaultCode.NOT_HOMED)
 
     async def _supervise(self) -> None:
         """While nothing runs, look after the drives: an e-stop or a pulled cable is noticed before the next job."""
@@ -299,22 +299,22 @@ class Service:
             },
         )
         log.info("state", change=f"{before.value} --{event.value}--> {after.value}")
-        self._standing.refresh()
+        self._status_line.refresh()
 
     async def _tell_of_reload(self, what: str, facts: dict[str, object]) -> None:
         """Say to the service manager and to whoever listens how a new configuration fared."""
         if what == "begun":
             self._notifier.reloading()
             return
-        self._standing.note(RELOADED[what].format(problems=_some(facts.get("problems"))))
-        self._notifier.ready(self._standing.line())
+        self._status_line.note(RELOADED[what].format(problems=_some(facts.get("problems"))))
+        self._notifier.ready(self._status_line.line())
         await self._journal.reserve_seqs()
         self._events.publish("log", {"event": f"configuration_{what}", **facts})
 
     async def _report_interrupted(self) -> None:
         """Give each job that a crash or a kill cut off its result: a fault; nothing moves."""
         for job_id, op in await self._journal.unfinished():
-            error = ErrorBody.of(Fault(Kind.INTERRUPTED))
+            error = ErrorBody.of(Fault(FaultCode.INTERRUPTED))
             result = JobResult(
                 id=job_id, op=op, ok=False, seq=self._journal.take_seq(), station=self.config.station.name,
                 finished_at=utc_now(), outcome="failed", error=error,
@@ -330,11 +330,11 @@ class Service:
             loop.add_signal_handler(number, self.stop)
         loop.add_signal_handler(signal.SIGHUP, self._reloader.ask)
 
-    async def _let_go(self) -> None:
+    async def _release(self) -> None:
         """Lift the needle, darken, and let go of the devices."""
         if self._hardware is not None:
-            bench = self.jobs.bench
-            await leave(self._hardware, bench.station if bench is not None else None, self.jobs.fault)
+            context = self.jobs.context
+            await shut_down(self._hardware, context.station if context is not None else None, self.jobs.fault)
 
 
 def _some(problems: object) -> str:
@@ -348,4 +348,4 @@ def _latched(fault: Fault) -> Fault:
     if fault.kind.latched:
         return fault
     detail: dict[str, Any] = {**fault.detail, "was": fault.kind.wire_name}
-    return Fault(Kind.INTERNAL, fault.message, **detail)
+    return Fault(FaultCode.INTERNAL, fault.message, **detail)

@@ -20,7 +20,7 @@ from daemon.cli.output import FAILED, USAGE, AsJson, err, fail, out, say_json
 from daemon.client import Client, NoAnswer, Refused
 from daemon.domain.board import Board
 from daemon.tools.cad_import import import_board
-from daemon.tools.demo.processes import Bench, Process, StartError, wait_for_daemon
+from daemon.tools.demo.processes import DemoBench, Process, StartError, wait_for_daemon
 from daemon.tools.demo.report import write_report
 from daemon.tools.demo.session import LIMIT_UM, Landing, Session, SetUpError, choose_points
 from daemon.tools.demo.settings import Places, write_settings
@@ -130,7 +130,7 @@ _ENDING = _Ending()
 
 @contextmanager
 def _processes(places: Places, settings: Path, folder: Path, side: str, seed: int, speed: float
-               ) -> Iterator[tuple[Client, Bench]]:  # fmt: skip
+               ) -> Iterator[tuple[Client, DemoBench]]:  # fmt: skip
     """Hold the simulated station and the daemon, and end them whatever happens."""
     sim_arguments = [
         "sim_hw", "--board", str(folder), "--side", side, "--seed", str(seed), "--speed", str(speed),
@@ -146,7 +146,7 @@ def _processes(places: Places, settings: Path, folder: Path, side: str, seed: in
                 stack.callback(process.end)
             return process
 
-        bench = Bench(start("simulated station", sim_arguments, "sim.log", ready_line=True).ready()["bench"])
+        bench = DemoBench(start("simulated station", sim_arguments, "sim.log", ready_line=True).ready()["bench"])
         stack.callback(bench.close)
         daemon = start("daemon", daemon_arguments, "daemon.log", ready_line=False)
         wait_for_daemon(daemon, places.socket("control"))

@@ -11,7 +11,7 @@ from rich.markup import escape
 from daemon.cli.output import DEFAULT_ENDPOINT, FAILED, USAGE, AsJson, Endpoint, err, fail, out, say_json
 from daemon.cli.picture_files import SUFFIXES, check_target, write_picture
 from daemon.cli.points import point_option
-from daemon.cli.stored_look import Asked, Findings, look_at
+from daemon.cli.stored_look import Asked, StoredLook, look_at
 from daemon.cli.tester import run_job
 
 app = typer.Typer()
@@ -97,7 +97,7 @@ def _refuse(problem: str, advice: str) -> NoReturn:
     fail(escape(problem), advice=escape(advice), code=USAGE)
 
 
-def _tell(asked: Asked, findings: Findings, sheet: Path | None, *, as_json: bool) -> None:
+def _tell(asked: Asked, findings: StoredLook, sheet: Path | None, *, as_json: bool) -> None:
     """Say what was found, what was not, and where the annotated picture is; exit accordingly."""
     if as_json:
         files = {"white": asked.white, "red": asked.red, "probe": asked.probe, "annotated": sheet}
@@ -114,7 +114,7 @@ def _tell(asked: Asked, findings: Findings, sheet: Path | None, *, as_json: bool
         raise typer.Exit(FAILED)
 
 
-def _tell_missing(findings: Findings, *, shown: bool) -> None:
+def _tell_missing(findings: StoredLook, *, shown: bool) -> None:
     for kind, facts in findings.facts.items():
         if not facts["found"]:
             what = f"{kind.replace('_', ' ')}: {facts['reason']}, {facts['message']}"

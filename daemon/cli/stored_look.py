@@ -45,7 +45,7 @@ class Asked:
 
 
 @dataclass
-class Findings:
+class StoredLook:
     """Hold facts for JSON by what was looked for, tables for people, and the annotated page."""
 
     facts: dict[str, dict[str, Any]] = field(default_factory=dict)
@@ -58,11 +58,11 @@ class Findings:
         return all(part["found"] for part in self.facts.values())
 
 
-def look_at(asked: Asked) -> Findings:
+def look_at(asked: Asked) -> StoredLook:
     """Look for what was asked; ValueError for a number that vision refuses."""
     white = None if asked.white is None else open_picture(asked.white)
     red = None if asked.red is None else open_picture(asked.red)
-    findings = Findings()
+    findings = StoredLook()
     if asked.control_point:
         if white is not None and asked.around_px is not None:
             _check_inside(white, asked.around_px)
@@ -85,7 +85,7 @@ def look_at(asked: Asked) -> Findings:
     return findings
 
 
-def _look_for_tip(white: Pixels, model: ProbeModel, findings: Findings) -> Tip | NotFound:
+def _look_for_tip(white: Pixels, model: ProbeModel, findings: StoredLook) -> Tip | NotFound:
     size = white.shape[1], white.shape[0]
     if size != model.frame_px:
         taught, given = (f"{width} x {height} px" for width, height in (model.frame_px, size))
@@ -97,7 +97,7 @@ def _look_for_tip(white: Pixels, model: ProbeModel, findings: Findings) -> Tip |
     return tip
 
 
-def _look_for_pads(red: Pixels, asked: Asked, tip: Tip | NotFound | None, findings: Findings) -> Searched | None:
+def _look_for_pads(red: Pixels, asked: Asked, tip: Tip | NotFound | None, findings: StoredLook) -> Searched | None:
     """Look for test points round the given point, or else round the tip; None when there is neither."""
     needle = tip if isinstance(tip, Tip) else None
     around = asked.around_px
@@ -114,7 +114,7 @@ def _look_for_pads(red: Pixels, asked: Asked, tip: Tip | NotFound | None, findin
     return Searched(seen, around)
 
 
-def _look_for_control_point(white: Pixels, around: Point, asked: Asked, findings: Findings) -> None:
+def _look_for_control_point(white: Pixels, around: Point, asked: Asked, findings: StoredLook) -> None:
     reach_px = CROSS_REACH_PX if asked.reach_px is None else asked.reach_px
     arm_px = ARM_PX if asked.arm_px is None else asked.arm_px
     found = find_control_point(white, around, reach_px, arm_px)

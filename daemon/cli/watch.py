@@ -12,7 +12,7 @@ from rich.live import Live
 
 from daemon.cli.formatting import gist
 from daemon.cli.output import DEFAULT_ENDPOINT, AsJson, Endpoint, answered, err, out, say_json
-from daemon.cli.watch_view import View
+from daemon.cli.watch_view import WatchView
 from daemon.client import Client, NoAnswer, NotLetIn, Refused, Subscription, listen
 from daemon.domain.results import JobResult
 
@@ -36,7 +36,7 @@ def watch(
         if lines or as_json or topic or count or not out.is_terminal:
             _print_lines(endpoint, tuple(topic) if topic else TOPICS, count, as_json=as_json)
         else:
-            view = View()
+            view = WatchView()
             with answered(), Live(view.render(time.monotonic()), console=out, auto_refresh=False) as live:
                 follow(endpoint, view, lambda: live.update(view.render(time.monotonic()), refresh=True))
     err.print("[dim]no longer listening[/]")
@@ -54,7 +54,7 @@ def _print_lines(endpoint: str, topics: tuple[str, ...], count: int, *, as_json:
             return
 
 
-def follow(endpoint: str, view: View, shown: Callable[[], Any]) -> None:
+def follow(endpoint: str, view: WatchView, shown: Callable[[], Any]) -> None:
     """Keep a view up to date for ever; `shown` is called after each change and several times a second.
 
     A daemon that is not there, or goes and comes back, is waited for; what was missed meanwhile is asked for.
@@ -76,7 +76,7 @@ def follow(endpoint: str, view: View, shown: Callable[[], Any]) -> None:
                 shown()
 
 
-def _refresh(client: Client, view: View, since: int | None = None) -> None:
+def _refresh(client: Client, view: WatchView, since: int | None = None) -> None:
     """Ask for the whole picture, and for the results that were missed."""
     snapshot = _ask(client, "snapshot")
     if snapshot is not None:

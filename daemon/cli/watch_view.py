@@ -21,7 +21,7 @@ COLOUR = {"idle": "green", "fault": "red"}
 
 
 @dataclass
-class View:
+class WatchView:
     """The daemon as far as is known here. Times are monotonic seconds."""
 
     station: str = "?"

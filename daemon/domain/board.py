@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from daemon.domain.errors import Fault, Kind
+from daemon.domain.errors import Fault, FaultCode
 from vision.geometry.frames import Array
 
 BOARD_FORMAT: Literal["reprobe-board-1"] = "reprobe-board-1"
@@ -78,7 +78,7 @@ class Board(BoardModel):
         """Return the test point of that name, or raise `Fault` saying why it cannot be served."""
         point = self.find(name)
         if point.why_not is not None:
-            raise Fault(Kind.UNKNOWN_TEST_POINT, f"{name} cannot be probed: {point.why_not}", test_point=name)
+            raise Fault(FaultCode.UNKNOWN_TEST_POINT, f"{name} cannot be probed: {point.why_not}", test_point=name)
         return point
 
     def find(self, name: str) -> BoardPoint:
@@ -87,8 +87,8 @@ class Board(BoardModel):
             if point.name == name:
                 return point
         if name in self.hidden:
-            raise Fault(Kind.UNKNOWN_TEST_POINT, f"{name} cannot be probed: {self.hidden[name]}", test_point=name)
-        raise Fault(Kind.UNKNOWN_TEST_POINT, f"board {self.name} has no test point {name}", test_point=name)
+            raise Fault(FaultCode.UNKNOWN_TEST_POINT, f"{name} cannot be probed: {self.hidden[name]}", test_point=name)
+        raise Fault(FaultCode.UNKNOWN_TEST_POINT, f"board {self.name} has no test point {name}", test_point=name)
 
     def test_points(self) -> tuple[BoardPoint, ...]:
         """Return the targets that may be touched."""

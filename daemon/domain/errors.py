@@ -19,7 +19,7 @@ class _Kind(NamedTuple):
     latched: bool = False
 
 
-class Kind(Enum):
+class FaultCode(Enum):
     """One kind of trouble; the member's name in lower case is its name on the wire.
 
     A latched kind keeps the daemon in `fault` until `reset` (or `home`, for `not_homed`); the others clear themselves.
@@ -96,7 +96,7 @@ class Fault(Exception):
     Raised inside jobs and request handling; turned into an error reply or a failed result at the edge.
     """
 
-    def __init__(self, kind: Kind, message: str = "", **detail: Any) -> None:
+    def __init__(self, kind: FaultCode, message: str = "", **detail: Any) -> None:
         super().__init__(message or kind.value.cause)
         self.kind = kind
         self.detail: Mapping[str, Any] = MappingProxyType(detail)

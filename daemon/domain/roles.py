@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final, Literal, NamedTuple
 
-from daemon.domain.errors import Fault, Kind
+from daemon.domain.errors import Fault, FaultCode
 
 Role = Literal["observe", "operate", "maintain"]
 ROLES: Final[tuple[Role, ...]] = ("observe", "operate", "maintain")
@@ -57,5 +57,5 @@ def require(caller: Caller, op: str) -> None:
     """Raise `Fault` if the caller may not ask for `op`."""
     if not may(caller.role, op):
         needs = least_role(op)
-        raise Fault(Kind.NOT_ALLOWED, f"{op} needs the role {needs}, this key has {caller.role}", needs=needs,
+        raise Fault(FaultCode.NOT_ALLOWED, f"{op} needs the role {needs}, this key has {caller.role}", needs=needs,
                     role=caller.role)  # fmt: skip

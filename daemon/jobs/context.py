@@ -12,7 +12,7 @@ from daemon.domain.board import Board
 from daemon.domain.states import Event, State
 from daemon.platform.clock import Stopwatch
 from daemon.station.kinematics import Geometry
-from daemon.station.station import Look, Station
+from daemon.station.station import LookResult, Station
 from daemon.storage.calibration_store import Calibrations
 from daemon.wire.requests import AnyJob
 from drivers.deadline import Deadline
@@ -30,7 +30,7 @@ class Outcome:
 
 
 @dataclass
-class Bench:
+class StationContext:
     """What jobs work with, the same for all of them."""
 
     config: Config
@@ -40,7 +40,7 @@ class Bench:
     geometry: Geometry
 
 
-class Job:
+class JobContext:
     """One job under way: its request, its deadline, its time, and everything it saw."""
 
     def __init__(
@@ -55,8 +55,8 @@ class Job:
         self.deadline = deadline
         self.watch = Stopwatch()
         self._fire = fire
-        self.first_look: Look | None = None
-        self.last_look: Look | None = None
+        self.first_look: LookResult | None = None
+        self.last_look: LookResult | None = None
         self.looks = 0
         self.moves = 0
         self.partial = Outcome("failed")
@@ -67,7 +67,7 @@ class Job:
         self._steps: set[asyncio.Task[None]] = set()
 
     @property
-    def sign(self) -> tuple[int, int, int]:
+    def activity(self) -> tuple[int, int, int]:
         """What changes when the job looks, moves or waits for something."""
         return self.looks, self.moves, self.watch.bookings
 
@@ -75,7 +75,7 @@ class Job:
         """Take one transition; from here on time is booked under the new state."""
         self.watch.enter(self._fire(event).value)
 
-    def saw(self, look: Look) -> None:
+    def saw(self, look: LookResult) -> None:
         """Count a look; of its frames only the first and the last stay in memory, for a picture is 6 MB."""
         self.looks += 1
         self.first_look = self.first_look or look
@@ -92,5 +92,5 @@ class Job:
             await asyncio.gather(*steps)
 
 
-Errand = Callable[[Job, Bench], Awaitable[Outcome]]
+Procedure = Callable[[JobContext, StationContext], Awaitable[Outcome]]
 """A job's body. It fires every event but the last `on_target`, and returns how it ended."""

@@ -14,8 +14,8 @@ import cv2
 import structlog
 
 from daemon.domain.results import JobResult
-from daemon.jobs.context import Job
-from daemon.station.station import Look as Seen
+from daemon.jobs.context import JobContext
+from daemon.station.station import LookResult
 from daemon.wire.requests import AnyJob, Look
 from drivers.camera.contract import Pixels
 from vision import Tip
@@ -26,7 +26,7 @@ JPEG_QUALITY = 92
 LONGEST_NAME = 64
 
 
-class Pictures:
+class ImageArchive:
     """Keep white, red and the annotated picture of a job's first and last look."""
 
     def __init__(self, folder: Path, which: Literal["failed", "all", "none"], quota_mb: float) -> None:
@@ -47,7 +47,7 @@ class Pictures:
             return self._folder / _folder_name(request.id)
         return None
 
-    async def keep(self, folder: Path, job: Job, result: JobResult) -> None:
+    async def keep(self, folder: Path, job: JobContext, result: JobResult) -> None:
         """Write the pictures, then drop the oldest folders beyond the quota; a full disk only stops the keeping."""
         looks = {"before": job.first_look, "after": job.last_look if job.looks > 1 else None}
         wanted = {name: look for name, look in looks.items() if look is not None}
@@ -58,7 +58,7 @@ class Pictures:
             self.full = f"{exc.strerror}: {folder}"
             log.error("pictures_not_kept", folder=str(folder), error=str(exc))
 
-    def _write(self, folder: Path, looks: dict[str, Seen], numbers: str) -> None:
+    def _write(self, folder: Path, looks: dict[str, LookResult], numbers: str) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         for name, look in looks.items():
             for kind, pixels in _sheets(look):
@@ -80,7 +80,7 @@ class Pictures:
             total -= sizes[folder]
 
 
-def _sheets(look: Seen) -> Iterator[tuple[str, Pixels]]:
+def _sheets(look: LookResult) -> Iterator[tuple[str, Pixels]]:
     """Yield what a look leaves: the frames as they were, and what was made of them."""
     yield "white", look.white.pixels
     if look.red is not None:

@@ -6,23 +6,23 @@ from collections.abc import Mapping
 from typing import Any, Protocol
 
 from daemon.domain.results import JobResult
-from daemon.jobs.context import Job
+from daemon.jobs.context import JobContext
 from daemon.wire.events import Topic
 
 
-class Hooks:
+class JobObserver:
     """What is called; by itself it does nothing, for whoever has no maintenance."""
 
-    def noted(self, job_id: str, kind: str, body: Mapping[str, Any]) -> None:
+    def on_step(self, job_id: str, kind: str, body: Mapping[str, Any]) -> None:
         """Hear that a job looked or moved."""
 
-    def ended(self, job: Job, result: JobResult) -> None:
+    def on_result(self, job: JobContext, result: JobResult) -> None:
         """Hear that a job was answered; its last look may still be measured."""
 
-    def reported(self, touches: int) -> None:
+    def on_touches(self, touches: int) -> None:
         """Hear of touches from the tester."""
 
-    def flagged(self, name: str, message: str | None) -> None:
+    def on_flag(self, name: str, message: str | None) -> None:
         """Hear that something of the daemon's own is wrong; with None, that it no longer is."""
 
 

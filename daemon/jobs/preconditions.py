@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from daemon.domain.board import Board
-from daemon.domain.errors import Fault, Kind
+from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.results import ErrorBody
 from daemon.wire.requests import AnyJob
 
 
 def refuse_in_fault(request: AnyJob, latched: Fault | None) -> None:
     """Refuse work in a latched fault, and name its first cause; homing is what cures `not_homed`."""
-    if latched is None or (request.op == "home" and latched.kind is Kind.NOT_HOMED):
+    if latched is None or (request.op == "home" and latched.kind is FaultCode.NOT_HOMED):
         return
     raise Fault(
-        Kind.IN_FAULT,
+        FaultCode.IN_FAULT,
         f"the daemon is in fault: {latched.message}",
         advice=latched.advice,
         first_cause=ErrorBody.of(latched).model_dump(),
@@ -32,4 +32,4 @@ def refuse_unknown_point(request: AnyJob, board: Board) -> None:
 def refuse_other_request(job_id: str, asked: str, known: str) -> None:
     """Refuse an id that stood for another request; both in their canonical form."""
     if asked != known:
-        raise Fault(Kind.ID_REUSED, f"id {job_id!r} was used for a different request", id=job_id)
+        raise Fault(FaultCode.ID_REUSED, f"id {job_id!r} was used for a different request", id=job_id)

@@ -16,15 +16,15 @@ from typing import Any
 import structlog
 
 from daemon.config.model import ServoSection
-from daemon.domain.errors import Fault, Kind
+from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.results import ErrorBody, JobResult
 from daemon.domain.states import BUSY, Event, Machine, State
-from daemon.jobs.context import Bench, Errand, Job, Outcome
+from daemon.jobs.context import JobContext, Outcome, Procedure, StationContext
 from daemon.jobs.fair_queue import FairQueue
-from daemon.jobs.image_archive import Pictures
-from daemon.jobs.observer import Hooks, Publisher
+from daemon.jobs.image_archive import ImageArchive
+from daemon.jobs.observer import JobObserver, Publisher
 from daemon.jobs.preconditions import refuse_in_fault, refuse_other_request, refuse_unknown_point
-from daemon.jobs.watchdog import Vigil
+from daemon.jobs.watchdog import Watchdog
 from daemon.platform.clock import utc_now
 from daemon.station.device_errors import as_fault, forget_frames
 from daemon.storage.journal import Journal
@@ -49,14 +49,14 @@ class _Ticket:
     client: str = ""
     cancelled: bool = False
     task: asyncio.Task[Outcome] | None = field(default=None, repr=False)
-    job: Job | None = field(default=None, repr=False)
+    job: JobContext | None = field(default=None, repr=False)
 
 
-class Jobs:
+class JobRunner:
     """Take requests, run them one after the other, remember their results."""
 
-    def __init__(self, machine: Machine, journal: Journal, events: Publisher, pictures: Pictures, station: str,
-                 servo: ServoSection, procedures: Mapping[str, Errand], queue_length: int,
+    def __init__(self, machine: Machine, journal: Journal, events: Publisher, pictures: ImageArchive, station: str,
+                 servo: ServoSection, procedures: Mapping[str, Procedure], queue_length: int,
                  queue_per_client: int | None = None) -> None:  # fmt: skip
         self._procedures = procedures
         self._machine, self._journal, self._events, self._pictures = machine, journal, events, pictures
@@ -65,18 +65,18 @@ class Jobs:
         self._waiting: FairQueue[_Ticket] = FairQueue()
         self._open: dict[str, _Ticket] = {}
         self._running: _Ticket | None = None
-        self.bench: Bench | None = None
+        self.context: StationContext | None = None
         self.fault: Fault | None = None
         """The first cause of the present fault; later refusals name it."""
         self.progress: dict[str, Any] | None = None
         """How far the running job says it is, if it says so."""
-        self.vigil = Vigil()
+        self.watchdog = Watchdog()
         """What is asked each time the loop turns: only while all is well is the watchdog fed."""
         self.between = asyncio.Lock()
         """Held while a job runs; who holds it may change what jobs work with."""
-        self.told: Callable[[JobResult], None] = lambda _result: None
+        self.on_result: Callable[[JobResult], None] = lambda _result: None
         """Called with every result, once it has been published."""
-        self.hooks = Hooks()
+        self.observer = JobObserver()
         """What maintenance hears of."""
 
     # --- taking ----------------------------------------------------------------------------------------------
@@ -96,8 +96,8 @@ class Jobs:
             request.deadline_ms, self._servo.calibration_timeout_s if lengthy else self._servo.job_timeout_s
         )
         self._refuse_too_many(client)
-        if self.bench is not None:
-            refuse_unknown_point(request, self.bench.board)
+        if self.context is not None:
+            refuse_unknown_point(request, self.context.board)
         ticket = _Ticket(request, canonical, due_s, asyncio.get_running_loop().create_future(), client)
         self._open[request.id] = ticket
         try:
@@ -123,7 +123,7 @@ class Jobs:
             return None
         refuse_other_request(job_id, canonical, stored.request)
         if stored.result is None:  # the disk failed when it ended; who waits must not wait for ever
-            raise Fault(Kind.JOURNAL_FAILED, f"the result of job {job_id!r} could not be written"[:200], id=job_id)
+            raise Fault(FaultCode.JOURNAL_FAILED, f"the result of job {job_id!r} could not be written"[:200], id=job_id)
         done: asyncio.Future[JobResult] = asyncio.get_running_loop().create_future()
         done.set_result(stored.result)
         return done
@@ -133,9 +133,9 @@ class Jobs:
         theirs = sum(t.client == client for t in self._open.values() if t is not self._running)
         limits = {"limit": self._queue_length, "limit_per_client": self._queue_per_client}
         if theirs >= self._queue_per_client:
-            raise Fault(Kind.BUSY, f"{theirs} jobs of this client wait already", **limits)
+            raise Fault(FaultCode.BUSY, f"{theirs} jobs of this client wait already", **limits)
         if len(self._open) >= self._queue_length + 1:
-            raise Fault(Kind.BUSY, f"{len(self._open)} jobs are open", **limits)
+            raise Fault(FaultCode.BUSY, f"{len(self._open)} jobs are open", **limits)
 
     # --- running ---------------------------------------------------------------------------------------------
 
@@ -144,10 +144,10 @@ class Jobs:
         while True:
             ticket = await self._next()
             async with self.between:
-                self.vigil.begin(ticket.due_s)
+                self.watchdog.begin(ticket.due_s)
                 running = asyncio.create_task(self._run_one(ticket), name=f"job {ticket.request.id}")
                 try:
-                    await self.vigil.attend(running, partial(self._sign, ticket))
+                    await self.watchdog.supervise(running, partial(self._activity, ticket))
                 finally:
                     self._running = None
                     self._open.pop(ticket.request.id, None)
@@ -156,17 +156,17 @@ class Jobs:
     async def _next(self) -> _Ticket:
         """Wait for a job; the loop turns all the while."""
         while True:
-            self.vigil.turn()
+            self.watchdog.check_in()
             try:
-                async with asyncio.timeout(self.vigil.every_s):
+                async with asyncio.timeout(self.watchdog.every_s):
                     return await self._waiting.get()
             except TimeoutError:
                 continue
 
-    def _sign(self, ticket: _Ticket) -> Hashable:
+    def _activity(self, ticket: _Ticket) -> Hashable:
         """Return what changes whenever the running job does something that shows."""
-        exchanges = self.bench.station.exchanges if self.bench is not None else None
-        return ticket.job.sign if ticket.job is not None else None, str(self.progress), exchanges
+        exchanges = self.context.station.exchanges if self.context is not None else None
+        return ticket.job.activity if ticket.job is not None else None, str(self.progress), exchanges
 
     async def _run_one(self, ticket: _Ticket) -> None:
         """Run one job and tell everybody how it ended."""
@@ -175,30 +175,30 @@ class Jobs:
         request = ticket.request
         self.progress = None
         keep_step, tell = self._keep_step(request.id), self._tell_progress(request)
-        job = ticket.job = Job(request, Deadline(ticket.due_s), self._machine.fire, keep_step, tell)
+        job = ticket.job = JobContext(request, Deadline(ticket.due_s), self._machine.fire, keep_step, tell)
         with structlog.contextvars.bound_contextvars(job=request.id, op=request.op):
             try:
                 outcome, fault = await self._outcome(ticket, job), None
             except asyncio.CancelledError:
-                await self._finish(ticket, job, job.partial, Fault(Kind.SHUTTING_DOWN, "the daemon was stopped"))
+                await self._finish(ticket, job, job.partial, Fault(FaultCode.SHUTTING_DOWN, "the daemon was stopped"))
                 raise
             except Exception as exc:  # the one place where every way a job can end is turned into an answer
                 outcome, fault = job.partial, as_fault(exc)
-                if fault.kind is Kind.INTERNAL:
+                if fault.kind is FaultCode.INTERNAL:
                     log.exception("job_failed_internally")
                 forget_frames(exc)
             await self._finish(ticket, job, outcome, fault)
 
-    async def _outcome(self, ticket: _Ticket, job: Job) -> Outcome:
+    async def _outcome(self, ticket: _Ticket, job: JobContext) -> Outcome:
         """Do the errand; walk the machine's last step whatever comes."""
         end = Event.ON_TARGET
         latched: Fault | None = None
         try:
             if ticket.cancelled:
-                raise Fault(Kind.CANCELLED, "cancelled before it began")
-            bench = self._admit(ticket)
+                raise Fault(FaultCode.CANCELLED, "cancelled before it began")
+            context = self._admit(ticket)
             job.watch.enter(State.TRIGGERED.value)
-            return await self._errand(ticket, job, bench)
+            return await self._errand(ticket, job, context)
         except asyncio.CancelledError:
             end = Event.CANCELLED
             raise
@@ -217,49 +217,51 @@ class Jobs:
         """Return what keeps the daemon in fault: a latched fault, or that homing did not come to its end."""
         if fault.kind.latched:
             return fault
-        return Fault(Kind.NOT_HOMED, f"homing ended early: {fault.message}") if ticket.request.op == "home" else None
+        return (
+            Fault(FaultCode.NOT_HOMED, f"homing ended early: {fault.message}") if ticket.request.op == "home" else None
+        )
 
-    def _admit(self, ticket: _Ticket) -> Bench:
+    def _admit(self, ticket: _Ticket) -> StationContext:
         """Begin: leave `not_homed` for homing, check the deadline again, and go to `triggered`."""
         refuse_in_fault(ticket.request, self.fault)
-        if self.bench is None:
-            raise Fault(Kind.IN_FAULT, "the station is not open")
+        if self.context is None:
+            raise Fault(FaultCode.IN_FAULT, "the station is not open")
         if self._machine.state is State.FAULT:
             self.clear()
         self._machine.fire(Event.TRIGGER)
         if Deadline(ticket.due_s).expired:
-            raise Fault(Kind.STALE_DEADLINE, "the deadline passed while the job waited", id=ticket.request.id)
-        return self.bench
+            raise Fault(FaultCode.STALE_DEADLINE, "the deadline passed while the job waited", id=ticket.request.id)
+        return self.context
 
-    async def _errand(self, ticket: _Ticket, job: Job, bench: Bench) -> Outcome:
+    async def _errand(self, ticket: _Ticket, job: JobContext, context: StationContext) -> Outcome:
         """Run the errand as a task of its own, so that `cancel` reaches it and nothing else."""
-        ticket.task = asyncio.create_task(self._timed(self._procedures[ticket.request.op], job, bench))
+        ticket.task = asyncio.create_task(self._timed(self._procedures[ticket.request.op], job, context))
         try:
             return await asyncio.shield(ticket.task)
         except asyncio.CancelledError:
             ours = not ticket.task.done()
             ticket.task.cancel()
             await asyncio.wait([ticket.task])
-            await bench.station.stop()
+            await context.station.stop()
             if ours:
                 raise
-            raise Fault(Kind.CANCELLED, "the job was cancelled; all motion was stopped") from None
+            raise Fault(FaultCode.CANCELLED, "the job was cancelled; all motion was stopped") from None
 
     @staticmethod
-    async def _timed(errand: Errand, job: Job, bench: Bench) -> Outcome:
+    async def _timed(errand: Procedure, job: JobContext, context: StationContext) -> Outcome:
         """Hold the errand to its deadline; running out of time stops motion like a cancel does."""
         try:
             async with asyncio.timeout_at(asyncio.get_running_loop().time() + job.deadline.remaining_s):
-                return await errand(job, bench)
+                return await errand(job, context)
         except TimeoutError as exc:
             if not job.deadline.expired:
                 raise
-            await bench.station.stop()
-            raise Fault(Kind.DEADLINE_MISSED) from exc
+            await context.station.stop()
+            raise Fault(FaultCode.DEADLINE_MISSED) from exc
 
     def _ending(self, fault: Fault) -> Event:
         """Return the event that ends a job which met `fault` in the present state."""
-        if fault.kind in (Kind.CANCELLED, Kind.DEADLINE_MISSED):
+        if fault.kind in (FaultCode.CANCELLED, FaultCode.DEADLINE_MISSED):
             return Event.CANCELLED
         if self._machine.state is State.TRIGGERED and not fault.kind.latched:
             return Event.REFUSED
@@ -274,12 +276,12 @@ class Jobs:
         elif self._machine.state is State.FAULT and self.fault is None:
             self._machine.fire(Event.CLEARED)
 
-    async def _darken(self, job: Job) -> Fault | None:
+    async def _darken(self, job: JobContext) -> Fault | None:
         """Switch the lights off; return what kept them on, which never hides how the job ended."""
-        if self.bench is None or self._machine.state not in BUSY:
+        if self.context is None or self._machine.state not in BUSY:
             return None
         try:
-            await asyncio.shield(self.bench.station.dark(job.watch, Deadline.after(DARK_WITHIN_S)))
+            await asyncio.shield(self.context.station.lights_off(job.watch, Deadline.after(DARK_WITHIN_S)))
         except Exception as exc:  # noqa: BLE001  # the job's own end matters more; the light's trouble latches a fault
             log.error("lights_not_off", error=str(exc))
             return as_fault(exc)
@@ -287,7 +289,7 @@ class Jobs:
 
     # --- telling ---------------------------------------------------------------------------------------------
 
-    async def _finish(self, ticket: _Ticket, job: Job, outcome: Outcome, fault: Fault | None) -> None:
+    async def _finish(self, ticket: _Ticket, job: JobContext, outcome: Outcome, fault: Fault | None) -> None:
         """Journal, publish, answer, then keep the pictures; in this order."""
         timing = job.watch.timing_ms()
         folder = self._pictures.folder_for(ticket.request, failed=fault is not None)
@@ -315,26 +317,26 @@ class Jobs:
         except Fault as disk:
             self.latch(disk)
         self._events.publish("result", result.model_dump(mode="json"), seq=result.seq)
-        self.told(result)
+        self.on_result(result)
         # Answered is over: what is kept of it afterwards cannot be cancelled any more.
         self._running = None
         self._open.pop(ticket.request.id, None)
         if not ticket.done.done():
             ticket.done.set_result(result)
         log.info("job_done", outcome=result.outcome, ok=result.ok, error=fault.message if fault else None)
-        self.hooks.ended(job, result)
+        self.observer.on_result(job, result)
         if result.pictures and folder:
             await self._keep_pictures(folder, job, result)
 
-    async def _keep_pictures(self, folder: Path, job: Job, result: JobResult) -> None:
+    async def _keep_pictures(self, folder: Path, job: JobContext, result: JobResult) -> None:
         """Keep the pictures; that they cannot be kept any more, or can again, is an alert."""
         await self._pictures.keep(folder, job, result)
         # Told each time: an alert of a daemon before this one may stand, whose cause is gone.
-        self.hooks.flagged("pictures_not_kept", self._pictures.full)
+        self.observer.on_flag("pictures_not_kept", self._pictures.full)
 
     def _keep_step(self, job_id: str) -> Callable[[str, dict[str, Any]], Any]:
         def keep(kind: str, body: dict[str, Any]) -> Any:
-            self.hooks.noted(job_id, kind, body)
+            self.observer.on_step(job_id, kind, body)
             return self._journal.add_step(job_id, kind, body)
 
         return keep
@@ -362,7 +364,7 @@ class Jobs:
         """Stop a job, or the running one; return its id."""
         ticket = self._open.get(job_id) if job_id else self._running
         if ticket is None:
-            raise Fault(Kind.UNKNOWN_JOB, "no such job is open" if job_id else "no job runs", id=job_id)
+            raise Fault(FaultCode.UNKNOWN_JOB, "no such job is open" if job_id else "no job runs", id=job_id)
         ticket.cancelled = True
         if ticket.task is not None:
             ticket.task.cancel()

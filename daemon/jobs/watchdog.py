@@ -25,7 +25,7 @@ UNWATCHED_EVERY_S = 5.0
 log = structlog.get_logger(__name__)
 
 
-class Vigil:
+class Watchdog:
     """What the job loop asks before it feeds the watchdog."""
 
     def __init__(
@@ -37,21 +37,21 @@ class Vigil:
         """Take what feeds the watchdog, how often it is to be fed, and the clock of the jobs' deadlines."""
         self.every_s = every_s if every_s is not None else UNWATCHED_EVERY_S
         self._feed, self._clock = feed, clock
-        self._sign: Hashable = None
+        self._activity: Hashable = None
         self._shown_at_s = 0.0
         self._due_s: float | None = None
         self._complained = False
 
     def begin(self, due_s: float) -> None:
         """Watch a job from here on; it must be over at `due_s`, on the clock."""
-        self._sign, self._shown_at_s, self._due_s, self._complained = None, self._clock(), due_s, False
+        self._activity, self._shown_at_s, self._due_s, self._complained = None, self._clock(), due_s, False
 
-    def turn(self, sign: Hashable = None) -> bool:
+    def check_in(self, activity: Hashable = None) -> bool:
         """Feed if all is well, for the loop has turned; return whether it is.
 
-        `sign` is anything that changes when the job does something.
+        `activity` is anything that changes when the job does something.
         """
-        wrong = self._wrong_with_job(sign) if self._due_s is not None else None
+        wrong = self._wrong_with_job(activity) if self._due_s is not None else None
         if wrong is None:
             self._feed()
             return True
@@ -65,22 +65,22 @@ class Vigil:
         self._due_s = None
         self._feed()
 
-    def _wrong_with_job(self, sign: Hashable) -> str | None:
+    def _wrong_with_job(self, activity: Hashable) -> str | None:
         now_s = self._clock()
-        if sign != self._sign:
-            self._sign, self._shown_at_s = sign, now_s
+        if activity != self._activity:
+            self._activity, self._shown_at_s = activity, now_s
         if self._due_s is not None and now_s > self._due_s + GRACE_S:
             return f"it should have ended {now_s - self._due_s:.0f} s ago"
         if now_s - self._shown_at_s > SILENT_S:
             return f"nothing has come from it for {now_s - self._shown_at_s:.0f} s"
         return None
 
-    async def attend(self, task: asyncio.Task[None], sign: Callable[[], Hashable]) -> None:
+    async def supervise(self, task: asyncio.Task[None], activity: Callable[[], Hashable]) -> None:
         """Wait for the job's task, turning all the while; cancelling passes the cancellation on and waits too."""
         try:
             while not task.done():
                 await asyncio.wait({task}, timeout=self.every_s)
-                self.turn(sign())
+                self.check_in(activity())
         except asyncio.CancelledError:
             task.cancel()
             await asyncio.wait({task})

@@ -57,7 +57,7 @@ class Alert:
 
 
 @dataclass(frozen=True)
-class Told:
+class AlertNews:
     """A change that is to be published and kept."""
 
     change: Change
@@ -69,13 +69,15 @@ class Told:
         return self.alert.body(self.change)
 
 
-class Alerts:
+class ActiveAlerts:
     """The alerts that stand, by name."""
 
     def __init__(self) -> None:
         self.standing: dict[str, Alert] = {}
 
-    def find(self, name: str, group: str, what: str, unit: str, advice: str, finding: Finding, at: str) -> Told | None:
+    def find(
+        self, name: str, group: str, what: str, unit: str, advice: str, finding: Finding, at: str
+    ) -> AlertNews | None:
         """Raise an alert, or bring the one that stands up to date; return what is news: that it is there, or worse."""
         before = self.standing.get(name)
         alert = Alert(
@@ -89,19 +91,19 @@ class Alerts:
             return None
         self.standing[name] = alert
         if before is None:
-            return Told("raised", alert)
+            return AlertNews("raised", alert)
         worse = before.severity == "warning" and alert.severity == "serious"
-        return Told("worse", alert) if worse else None
+        return AlertNews("worse", alert) if worse else None
 
-    def clear(self, name: str, at: str) -> Told | None:
+    def clear(self, name: str, at: str) -> AlertNews | None:
         """Take an alert away; return that as news, if it stood."""
         alert = self.standing.pop(name, None)
-        return Told("cleared", replace(alert, updated_at=at)) if alert is not None else None
+        return AlertNews("cleared", replace(alert, updated_at=at)) if alert is not None else None
 
-    def acknowledge(self, name: str, by: str, note: str, at: str) -> Told | None:
+    def acknowledge(self, name: str, by: str, note: str, at: str) -> AlertNews | None:
         """Write down that a person knows; return None if there is no such alert."""
         alert = self.standing.get(name)
         if alert is None:
             return None
         self.standing[name] = known = replace(alert, acknowledged={"by": by, "at": at, "note": note}, updated_at=at)
-        return Told("acknowledged", known)
+        return AlertNews("acknowledged", known)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Self
 
-from daemon.maintenance.types import Finding, Point, Severity, Standing
+from daemon.maintenance.types import Finding, Point, Severity, WatchState
 
 
 class Limit:
@@ -40,9 +40,9 @@ class Limit:
         )
 
     @property
-    def standing(self) -> Standing:
+    def standing(self) -> WatchState:
         """How it stands."""
-        return Standing(0.0 if self._figure is None else 1.0, self._figure, None, None, self._warn)
+        return WatchState(0.0 if self._figure is None else 1.0, self._figure, None, None, self._warn)
 
     def to_dict(self) -> dict[str, Any]:
         """Return all it knows, for JSON."""

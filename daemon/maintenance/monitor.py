@@ -17,11 +17,11 @@ from typing import Any, Protocol
 import structlog
 
 from daemon.config.model import Config
-from daemon.domain.errors import Fault, Kind
+from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.results import JobResult
-from daemon.jobs.context import Job
-from daemon.jobs.observer import Hooks, Publisher
-from daemon.maintenance.alerts import Alert, Alerts, Told
+from daemon.jobs.context import JobContext
+from daemon.jobs.observer import JobObserver, Publisher
+from daemon.maintenance.alerts import ActiveAlerts, Alert, AlertNews
 from daemon.maintenance.calibration_signals import Learned
 from daemon.maintenance.catalogue import chosen
 from daemon.maintenance.device_signals import Devices
@@ -32,7 +32,7 @@ from daemon.maintenance.signals import Landings, Numbers, Step, of_ending, of_lo
 from daemon.maintenance.types import Finding
 from daemon.platform.clock import utc_now
 from daemon.station.devices import Hardware
-from daemon.station.station import Look
+from daemon.station.station import LookResult
 from daemon.storage.calibration_store import Calibrations
 from daemon.storage.journal import Journal
 from vision import Tip
@@ -64,7 +64,7 @@ class _Ended:
 
     result: JobResult
     steps: tuple[Step, ...]
-    look: Look | None
+    look: LookResult | None
 
 
 @dataclass(frozen=True)
@@ -78,13 +78,13 @@ class _Flagged:
     message: str | None
 
 
-class Keeper(Hooks):
+class Monitor(JobObserver):
     """Maintenance of one running daemon."""
 
     def __init__(self, daemon: Watched, journal: Journal, events: Publisher) -> None:
         self._daemon, self._journal, self._events = daemon, journal, events
         self._panel = _panel(daemon.config)
-        self.alerts = Alerts()
+        self.alerts = ActiveAlerts()
         self._landings = Landings(daemon.config.head.phase_deg)
         self._learned = Learned(daemon.calibrations)
         self._devices = Devices()
@@ -99,14 +99,14 @@ class Keeper(Hooks):
 
     # --- handed in (never waits) ------------------------------------------------------------------------------
 
-    def noted(self, job_id: str, kind: str, body: Mapping[str, Any]) -> None:
+    def on_step(self, job_id: str, kind: str, body: Mapping[str, Any]) -> None:
         """Remember a step until its job ends."""
         if job_id not in self._steps:
             self._steps = {job_id: []}  # one job runs at a time: what another left behind is over
         if len(self._steps[job_id]) < STEPS_KEPT:
             self._steps[job_id].append((kind, body))
 
-    def ended(self, job: Job, result: JobResult) -> None:
+    def on_result(self, job: JobContext, result: JobResult) -> None:
         """Take an answered job in."""
         steps = tuple(self._steps.pop(result.id, ()))
         if result.op == "correct" and result.looks:
@@ -114,12 +114,12 @@ class Keeper(Hooks):
             look = job.last_look if self._queue.empty() else None
             self._hand_in(_Ended(result, steps, look))
 
-    def reported(self, touches: int) -> None:
+    def on_touches(self, touches: int) -> None:
         """Take touches in."""
         if touches:
             self._hand_in(_Reported(touches))
 
-    def flagged(self, name: str, message: str | None) -> None:
+    def on_flag(self, name: str, message: str | None) -> None:
         """Take the daemon's own trouble in."""
         self._hand_in(_Flagged(name, message))
 
@@ -157,7 +157,7 @@ class Keeper(Hooks):
                 self._row = n
             await asyncio.sleep(0)
         if self._journal.moved_to is not None:
-            self.flagged("journal_moved_aside", f"{self._journal.moved_because}; it lies at {self._journal.moved_to}")
+            self.on_flag("journal_moved_aside", f"{self._journal.moved_because}; it lies at {self._journal.moved_to}")
 
     def _feed_again(self, at: str, touches: int, job: str, body: dict[str, Any]) -> None:
         """Feed a row that was measured after what was learned had been kept."""
@@ -325,7 +325,7 @@ class Keeper(Hooks):
         if after is not before:
             await self._publish(news, after)
 
-    async def _publish(self, news: Told | None, standing: Alert | None) -> None:
+    async def _publish(self, news: AlertNews | None, standing: Alert | None) -> None:
         """Write an alert down as it is now, then tell what is new about it.
 
         It is told even if it cannot be written: a full disk is the very moment at which an alert is wanted.
@@ -356,7 +356,7 @@ class Keeper(Hooks):
             news = self.alerts.acknowledge(name, by, note, at)
             if news is None:
                 standing = sorted(self.alerts.standing)
-                raise Fault(Kind.UNKNOWN_ALERT, f"no alert {name!r} stands"[:200], standing=standing)
+                raise Fault(FaultCode.UNKNOWN_ALERT, f"no alert {name!r} stands"[:200], standing=standing)
             await self._publish(news, news.alert)
             if mended and name in self._panel.specs and not is_flag(self._panel, name):
                 self._panel.restart(name)

@@ -18,7 +18,7 @@ from collections import deque
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Final, Self
 
-from daemon.maintenance.types import Finding, Severity, Standing
+from daemon.maintenance.types import Finding, Severity, WatchState
 
 ALPHA: Final = 1e-6
 """Chance of a false alarm at one question. With 100 blocks and six windows all of them together stay below 600 of it
@@ -149,14 +149,14 @@ class Share:
         return self.settings.windows[len(self.settings.windows) // 2]
 
     @property
-    def standing(self) -> Standing:
+    def standing(self) -> WatchState:
         """How it stands; the figure is of a middle window."""
         events, trials = self._window(self._middle)
         before = self._before(0)
         usual = before.events / before.trials if before.trials else None
         learned = min(1.0, before.trials / self.settings.least)
         high = self._speaks_from(self._middle)
-        return Standing(learned, events / trials if trials else None, usual, None, high)
+        return WatchState(learned, events / trials if trials else None, usual, None, high)
 
     def _speaks_from(self, length: int) -> float:
         """Return the share of a window from which the test would speak."""

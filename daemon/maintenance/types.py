@@ -46,7 +46,7 @@ class Finding:
 
 
 @dataclass(frozen=True, slots=True)
-class Standing:
+class WatchState:
     """How a watch stands: how much it has learned (0..1), the present figure, the usual one and the limits."""
 
     learned: float

@@ -28,7 +28,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Final, Literal, Self
 
-from daemon.maintenance.types import Finding, Point, Severity, Standing
+from daemon.maintenance.types import Finding, Point, Severity, WatchState
 
 Side = Literal["both", "high", "low"]
 D2: Final = 1.128
@@ -77,7 +77,7 @@ class ChartSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class ControlLimits:
     """What was learned. centre, sigma: of points. far, off, drift, creep: the rules' limits in sigmas.
 
     within: sigma of a point as the scatter of single numbers explains it; freedom: of that, 0 if it never tells all.
@@ -93,7 +93,7 @@ class Limits:
     freedom: float
 
 
-def learn(values: Sequence[float], points: Sequence[float], batch: int, *, together: bool = False) -> Limits:
+def learn(values: Sequence[float], points: Sequence[float], batch: int, *, together: bool = False) -> ControlLimits:
     """Return the limits for points, medians of `batch` numbers at least, from single numbers and their points.
 
     together: the numbers of a point are known to hang together, so that only points tell the scatter.
@@ -105,14 +105,14 @@ def learn(values: Sequence[float], points: Sequence[float], batch: int, *, toget
     return limits_of(points, within, 0.0 if together else max(2.0, DF_SHARE * (len(values) - 1)))
 
 
-def limits_of(points: Sequence[float], within: float, freedom: float) -> Limits:
+def limits_of(points: Sequence[float], within: float, freedom: float) -> ControlLimits:
     """Return the limits for points like these; `within` with its `freedom` is what single numbers explain."""
     m, between = len(points), _sd(points)
     together = not freedom or between > within * (1.0 + HANG_TOGETHER / math.sqrt(2.0 * (m - 1)))
     sigma, known = max(within, between), m - 1.0 if together else freedom
     one, run = math.sqrt(1.0 + 1.0 / m), math.sqrt(1.0 / DRIFT_RUN + 1.0 / m)
     far, off, drift = (one * _student(z, known) for z in (FAR, OFF, DRIFT))
-    return Limits(sum(points) / m, sigma, far, off, drift, run * _student(CREEP, known), within, freedom)
+    return ControlLimits(sum(points) / m, sigma, far, off, drift, run * _student(CREEP, known), within, freedom)
 
 
 def _student(z: float, freedom: float) -> float:
@@ -143,7 +143,7 @@ class Chart:
     def restart(self) -> None:
         """Forget everything and learn anew: after a calibration, or when something was mended."""
         self.finding: Finding | None = None
-        self.limits: Limits | None = None
+        self.limits: ControlLimits | None = None
         self._learning: list[float] = []
         self._learned: list[float] = []
         self._batch: list[Point] = []
@@ -182,7 +182,7 @@ class Chart:
             self.limits = learn(self._learning, self._learned, batch, together=together)
             self._learning = []
 
-    def _refine(self, limits: Limits, value: float) -> None:
+    def _refine(self, limits: ControlLimits, value: float) -> None:
         """Learn from a point, too, while the baseline is young: unless something is wrong, or has moved."""
         first = self.settings.baseline // self.settings.batch
         if self.finding is not None or len(self._learned) >= first * REFINED[-1]:
@@ -203,22 +203,22 @@ class Chart:
         return max(self.settings.floor, self.settings.floor_share * usual)
 
     @property
-    def standing(self) -> Standing:
+    def standing(self) -> WatchState:
         """How it stands."""
         limits = self.limits
         if limits is None:
             batch = self.settings.batch
             needed, open_ = self.settings.baseline // batch * batch, min(len(self._batch), batch - 1)
-            return Standing(min(1.0, (len(self._learned) * batch + open_) / needed), None, None, None, None)
+            return WatchState(min(1.0, (len(self._learned) * batch + open_) / needed), None, None, None, None)
         allowed = max(limits.off * limits.sigma, self.floor)
         figure = self._points[-1].value if self._points else None
         low = None if self.settings.side == "high" else limits.centre - allowed
         high = None if self.settings.side == "low" else limits.centre + allowed
-        return Standing(1.0, figure, limits.centre, low, high)
+        return WatchState(1.0, figure, limits.centre, low, high)
 
     # --- rules ------------------------------------------------------------------------------------------------
 
-    def _judge(self, limits: Limits) -> None:
+    def _judge(self, limits: ControlLimits) -> None:
         """Ask the rules at the newest point."""
         off = [p.value - limits.centre for p in self._points]
         found = self._broken(off, limits)
@@ -233,7 +233,7 @@ class Chart:
         near = all(abs(d) <= each_within for d in off)
         return len(off) == CALM_RUN and near and abs(sum(off)) / CALM_RUN <= mean_within
 
-    def _broken(self, off: list[float], limits: Limits) -> tuple[str, int, float] | None:
+    def _broken(self, off: list[float], limits: ControlLimits) -> tuple[str, int, float] | None:
         """Return the rule that is broken, on which side (+1, -1) and its limit; None if none is."""
         for side in (1, -1):
             if self.settings.side == ("low" if side > 0 else "high"):
@@ -252,7 +252,7 @@ class Chart:
                 return f"{DRIFT_RUN} points in a row on one side", side, max(drift, creep)
         return None
 
-    def _found(self, off: list[float], limits: Limits, rule: str, side: int, beyond: float) -> Finding:
+    def _found(self, off: list[float], limits: ControlLimits, rule: str, side: int, beyond: float) -> Finding:
         """Put a finding together; it goes on from where the one before began."""
         began = len(off)
         while began > 0 and side * off[began - 1] > 0.5 * limits.sigma:
@@ -291,7 +291,7 @@ class Chart:
         chart = cls(settings)
         chart._learning = [float(v) for v in stored["learning"]]
         chart._learned = [float(v) for v in stored["learned"]]
-        chart.limits = Limits(**stored["limits"]) if stored["limits"] else None
+        chart.limits = ControlLimits(**stored["limits"]) if stored["limits"] else None
         chart._batch = [Point(*p) for p in stored["batch"]]
         chart._points.extend(Point(*p) for p in stored["points"])
         chart.finding = Finding.from_dict(stored["finding"]) if stored["finding"] else None

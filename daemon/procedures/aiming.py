@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from daemon.domain.board import BoardPoint
-from daemon.domain.errors import Fault, Kind
-from daemon.jobs.context import Bench, Job
-from daemon.station.station import Look, Search
+from daemon.domain.errors import Fault, FaultCode
+from daemon.jobs.context import JobContext, StationContext
+from daemon.station.station import LookResult, Search
 from drivers.gantry import Position
 from vision import NotFound, Reason, TestPoint, Tip
-from vision.geometry.constellation import Match, match_near, match_target
+from vision.geometry.constellation import ConstellationMatch, match_near, match_target
 from vision.geometry.frames import Array
 from vision.geometry.pose_map import Correction, PoseMap
 from vision.pads.occlusion import needle_hides
@@ -24,13 +24,13 @@ STILL_UM = 45.0
 """From one look of a job to the next the target is where it was, within five sigma of the stops' scatter."""
 AGAIN = 2
 """How often what is unclear is looked at again."""
-UNCLEAR = frozenset({Kind.UNDECIDED, Kind.AMBIGUOUS, Kind.TEST_POINT_NOT_FOUND})
+UNCLEAR = frozenset({FaultCode.UNDECIDED, FaultCode.AMBIGUOUS, FaultCode.TEST_POINT_NOT_FOUND})
 """What another point of view may clear up. A tip that is not found is none of these: nothing moves without it."""
 NO_MATCH = {
-    "none_near": Kind.TEST_POINT_NOT_FOUND,
-    "undecided": Kind.UNDECIDED,
-    "ambiguous": Kind.AMBIGUOUS,
-    "contradicted": Kind.AMBIGUOUS,
+    "none_near": FaultCode.TEST_POINT_NOT_FOUND,
+    "undecided": FaultCode.UNDECIDED,
+    "ambiguous": FaultCode.AMBIGUOUS,
+    "contradicted": FaultCode.AMBIGUOUS,
 }
 
 
@@ -48,7 +48,7 @@ class Prior:
 class Aim:
     """The way from the tip to the target that one look found. `shift_um`: the target from its nominal place."""
 
-    look: Look
+    look: LookResult
     tip: Tip
     target: TestPoint
     correction: Correction
@@ -66,14 +66,19 @@ class Aim:
         return here.x_um + self.correction.dx_um, here.y_um + self.correction.dy_um
 
 
-def known_beforehand(bench: Bench) -> Prior | None:
+def known_beforehand(context: StationContext) -> Prior | None:
     """Return what a station knows before its first look: something only if head and board have been calibrated."""
-    aligned = bench.calibrations.head is not None and bench.calibrations.alignment(bench.board) is not None
-    return Prior((0.0, 0.0), bench.config.servo.trusted_um) if aligned else None
+    aligned = context.calibrations.head is not None and context.calibrations.alignment(context.board) is not None
+    return Prior((0.0, 0.0), context.config.servo.trusted_um) if aligned else None
 
 
 async def look_and_aim(
-    job: Job, bench: Bench, position: Position, point: BoardPoint, pose_map: PoseMap, prior: Prior | None = None
+    job: JobContext,
+    context: StationContext,
+    position: Position,
+    point: BoardPoint,
+    pose_map: PoseMap,
+    prior: Prior | None = None,
 ) -> Aim:
     """Look from `position` and find the way to `point`; a `Fault` says what could not be seen.
 
@@ -81,55 +86,66 @@ async def look_and_aim(
     """
     for _ in range(AGAIN):
         try:
-            return await _aim(job, bench, position, point, pose_map, prior)
+            return await _aim(job, context, position, point, pose_map, prior)
         except Fault as unclear:
-            if unclear.kind not in UNCLEAR and unclear.kind is not Kind.TIP_NOT_FOUND:
+            if unclear.kind not in UNCLEAR and unclear.kind is not FaultCode.TIP_NOT_FOUND:
                 raise
-    return await _aim(job, bench, position, point, pose_map, prior)
+    return await _aim(job, context, position, point, pose_map, prior)
 
 
 async def _aim(
-    job: Job, bench: Bench, position: Position, point: BoardPoint, pose_map: PoseMap, prior: Prior | None
+    job: JobContext,
+    context: StationContext,
+    position: Position,
+    point: BoardPoint,
+    pose_map: PoseMap,
+    prior: Prior | None,
 ) -> Aim:
     """Take one look."""
-    model = bench.calibrations.require_probe()
-    servo = bench.config.servo
+    model = context.calibrations.require_probe()
+    servo = context.config.servo
     reach_um = servo.max_placement_um + servo.match_um
-    height_um = bench.geometry.height_below_um(position)
+    height_um = context.geometry.height_below_um(position)
     search = Search.by_map(pose_map, model.tip_px, point, reach_um, height_um)
-    look = await bench.station.look(position, model, search, job.watch, job.deadline)
+    look = await context.station.look(position, model, search, job.watch, job.deadline)
     job.saw(look)
     try:
         tip = require_tip(look)
-        target = choose(look, tip, point, pose_map, bench, height_um, prior)
+        target = choose(look, tip, point, pose_map, context, height_um, prior)
     except Fault:
         job.note("look", describe(look, None, None))
         raise
     way = pose_map.correction((target.x_px, target.y_px), (tip.x_px, tip.y_px), look.position.theta_deg,
                               math.hypot(tip.sigma_px, target.sigma_px), height_um=height_um)  # fmt: skip
     job.note("look", describe(look, target, way))
-    nominal = bench.geometry.from_tip_um(point.place_um, position)
+    nominal = context.geometry.from_tip_um(point.place_um, position)
     return Aim(look, tip, target, way, (float(way.dx_um - nominal[0]), float(way.dy_um - nominal[1])))
 
 
-def require_tip(look: Look) -> Tip:
+def require_tip(look: LookResult) -> Tip:
     """Return the tip or raise the `Fault` that names why there is none."""
     if look.tip is None:
-        raise Fault(Kind.NOT_CALIBRATED, "the probe's tip has not been taught")
+        raise Fault(FaultCode.NOT_CALIBRATED, "the probe's tip has not been taught")
     if isinstance(look.tip, NotFound):
         refuse_unusable(look.tip)
-        raise Fault(Kind.TIP_NOT_FOUND, f"tip not found: {look.tip.message}", reason=look.tip.reason.value)
+        raise Fault(FaultCode.TIP_NOT_FOUND, f"tip not found: {look.tip.message}", reason=look.tip.reason.value)
     return look.tip
 
 
 def refuse_unusable(missing: NotFound) -> None:
     """Raise if it is the picture itself that is no good: no other place helps then."""
     if missing.reason in UNUSABLE:
-        raise Fault(Kind.FRAME_UNUSABLE, missing.message, reason=missing.reason.value)
+        raise Fault(FaultCode.FRAME_UNUSABLE, missing.message, reason=missing.reason.value)
 
 
 def choose(
-    look: Look, tip: Tip, point: BoardPoint, pose_map: PoseMap, bench: Bench, height_um: float, prior: Prior | None
+    look: LookResult,
+    tip: Tip,
+    point: BoardPoint,
+    pose_map: PoseMap,
+    context: StationContext,
+    height_um: float,
+    prior: Prior | None,
 ) -> TestPoint:
     """Choose the pad that is `point` among those seen: by CAD's neighbourhood or by its known place; never guess.
 
@@ -137,10 +153,10 @@ def choose(
     """
     seen = look.seen
     if seen is None:
-        raise Fault(Kind.TEST_POINT_NOT_FOUND, "the red picture was not searched")
+        raise Fault(FaultCode.TEST_POINT_NOT_FOUND, "the red picture was not searched")
     if isinstance(seen.nearest, NotFound):
         refuse_unusable(seen.nearest)
-    servo, theta, tip_px = bench.config.servo, look.position.theta_deg, (tip.x_px, tip.y_px)
+    servo, theta, tip_px = context.config.servo, look.position.theta_deg, (tip.x_px, tip.y_px)
     radius_px = point.diameter_um / 2 * pose_map.scale_px_per_um(tip_px)
 
     def places_um(pixels: list[tuple[float, float]]) -> Array:
@@ -149,7 +165,7 @@ def choose(
     def hidden(places: Array) -> Sequence[bool]:
         return needle_hides(tip, pose_map.to_px(places, tip_px, theta, height_um=height_um), radius_px)
 
-    cad = lookalikes(point, look.position, bench)
+    cad = lookalikes(point, look.position, context)
     pads = places_um([(p.x_px, p.y_px) for p in seen.taken])
     doubtful = places_um([(o.object.x_px, o.object.y_px) for o in seen.undecided])
     match = match_target(
@@ -161,10 +177,10 @@ def choose(
         doubtful_um=doubtful,
         hidden=hidden,
     )
-    far = isinstance(match, Match) and prior is not None and (
+    far = isinstance(match, ConstellationMatch) and prior is not None and (
         math.dist(match.shift_um, prior.shift_um) > prior.trust_um
     )  # fmt: skip
-    if isinstance(match, Match) and not far:
+    if isinstance(match, ConstellationMatch) and not far:
         return seen.taken[match.index]
     if prior is not None:
         could_be = [*seen.taken, *seen.possible(radius_px, followed=prior.firm)]
@@ -172,9 +188,9 @@ def choose(
         index = match_near(places, cad, shift_um=prior.shift_um, trust_um=prior.trust_um)
         if index is not None:
             return could_be[index]
-    if isinstance(match, Match):
+    if isinstance(match, ConstellationMatch):
         if prior is not None and prior.firm:
-            raise Fault(Kind.AMBIGUOUS, f"{point.name}: what is seen now is not what was seen before")
+            raise Fault(FaultCode.AMBIGUOUS, f"{point.name}: what is seen now is not what was seen before")
         return seen.taken[match.index]
     objects = np.vstack([pads, doubtful])
     raise Fault(
@@ -185,18 +201,18 @@ def choose(
     )
 
 
-def lookalikes(point: BoardPoint, position: Position, bench: Bench) -> Array:
+def lookalikes(point: BoardPoint, position: Position, context: StationContext) -> Array:
     """Return CAD's round targets near `point`, itself first, from where it nominally is below the tip; um, robot frame.
 
     The nominal place of the target is taken as the origin: what the placement missed is what is to be found.
     """
-    servo = bench.config.servo
-    places = bench.board.lookalikes_um(point, 3 * (servo.max_placement_um + servo.match_um))
-    from_tip: Array = bench.geometry.board_to_robot_um(places) - bench.geometry.tip_um(position)
+    servo = context.config.servo
+    places = context.board.lookalikes_um(point, 3 * (servo.max_placement_um + servo.match_um))
+    from_tip: Array = context.geometry.board_to_robot_um(places) - context.geometry.tip_um(position)
     return from_tip
 
 
-def describe(look: Look, target: TestPoint | None, way: Correction | None) -> dict[str, object]:
+def describe(look: LookResult, target: TestPoint | None, way: Correction | None) -> dict[str, object]:
     """Return a look's numbers for the journal."""
     body: dict[str, object] = {
         "x_um": round(look.position.x_um, 2),

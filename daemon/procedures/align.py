@@ -7,13 +7,13 @@ import math
 import numpy as np
 
 from daemon.domain.board import BoardPoint
-from daemon.domain.errors import Fault, Kind
+from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.states import Event
-from daemon.jobs.context import Bench, Job, Outcome
+from daemon.jobs.context import JobContext, Outcome, StationContext
 from daemon.procedures.aiming import UNCLEAR, Aim, look_and_aim
 from daemon.procedures.calibrate.commit import Began, keep
 from daemon.procedures.correct import sidestep_um
-from daemon.procedures.move_sequence import Tour, shifted
+from daemon.procedures.move_sequence import MoveSequence, shifted
 from daemon.storage.calibration_records import Aligned, AlignmentRecord
 from daemon.wire.requests import Align
 from drivers.gantry import Position
@@ -32,58 +32,58 @@ SCATTER_UM = 6.0
 """Of a fiducial's coordinate, one sigma; what three fiducials' residuals say of it is next to nothing."""
 
 
-async def align(job: Job, bench: Bench) -> Outcome:
+async def align(job: JobContext, context: StationContext) -> Outcome:
     """Look at the fiducials from the head angles asked for and keep the board's pose; else the old one stays."""
     request = job.request
     if not isinstance(request, Align):
         raise TypeError(request)
-    points = _fiducials(request, bench)
-    bench.calibrations.require_probe()
-    pose_map = bench.calibrations.require_map(bench.config.servo.calibration_days, bench.config.gantry.work_z_um)
-    await bench.station.require_homed(job.watch, job.deadline)
-    r = bench.config.servo.max_placement_um
-    stops = [(p, _nominal(bench, p, theta)) for theta in request.thetas_deg for p in points]
+    points = _fiducials(request, context)
+    context.calibrations.require_probe()
+    pose_map = context.calibrations.require_map(context.config.servo.calibration_days, context.config.gantry.work_z_um)
+    await context.station.require_homed(job.watch, job.deadline)
+    r = context.config.servo.max_placement_um
+    stops = [(p, _nominal(context, p, theta)) for theta in request.thetas_deg for p in points]
     for _, place in stops:
-        bench.station.check(shifted(place, -r, -r))
-        bench.station.check(shifted(place, r, r))
+        context.station.check(shifted(place, -r, -r))
+        context.station.check(shifted(place, r, r))
     job.fire(Event.ACCEPTED)
-    tour, began = Tour(job, bench), Began.now(job)
+    sequence, began = MoveSequence(job, context), Began.now(job)
     views: dict[str, list[Array]] = {p.name: [] for p in points}
     for n, (point, place) in enumerate(stops):
         job.progress(n, len(stops), f"looking at {point.name}")
-        views[point.name].append(await _place_um(tour, point, place, pose_map))
-    fitted = _fit(points, views, bench)
-    record = _record(fitted, points, views, bench, began.facts(job, bench))
-    kept = await keep(bench, record)
-    return Outcome("aligned", detail=_told(record, bench) | kept)
+        views[point.name].append(await _place_um(sequence, point, place, pose_map))
+    fitted = _fit(points, views, context)
+    record = _record(fitted, points, views, context, began.facts(job, context))
+    kept = await keep(context, record)
+    return Outcome("aligned", detail=_told(record, context) | kept)
 
 
-def _fiducials(request: Align, bench: Bench) -> list[BoardPoint]:
+def _fiducials(request: Align, context: StationContext) -> list[BoardPoint]:
     """Return the targets to look at: those named, else the board's own fiducials."""
     if request.fiducials is not None:
         twice = {name for name in request.fiducials if request.fiducials.count(name) > 1}
         if twice:
-            raise Fault(Kind.INVALID_REQUEST, f"{', '.join(sorted(twice))} is named twice")
-        return [bench.board.find(name) for name in request.fiducials]
-    found = [p for p in bench.board.points if p.kind == "fiducial"]
+            raise Fault(FaultCode.INVALID_REQUEST, f"{', '.join(sorted(twice))} is named twice")
+        return [context.board.find(name) for name in request.fiducials]
+    found = [p for p in context.board.points if p.kind == "fiducial"]
     if len(found) < LEAST:
         raise Fault(
-            Kind.INVALID_REQUEST,
-            f"board {bench.board.name} has {len(found)} fiducials on its {bench.board.side}; {LEAST} are needed",
+            FaultCode.INVALID_REQUEST,
+            f"board {context.board.name} has {len(found)} fiducials on its {context.board.side}; {LEAST} are needed",
             advice="name three or more round targets far apart that stand alone",
         )
     return found
 
 
-def _nominal(bench: Bench, point: BoardPoint, theta_deg: float) -> Position:
+def _nominal(context: StationContext, point: BoardPoint, theta_deg: float) -> Position:
     """Return where to look for a fiducial: where the configuration has it, for the board may be another one."""
-    return bench.geometry.position_at(bench.geometry.nominal_um(point.place_um), theta_deg)
+    return context.geometry.position_at(context.geometry.nominal_um(point.place_um), theta_deg)
 
 
-async def _place_um(tour: Tour, point: BoardPoint, place: Position, pose_map: PoseMap) -> Array:
+async def _place_um(sequence: MoveSequence, point: BoardPoint, place: Position, pose_map: PoseMap) -> Array:
     """Look at one fiducial and return where it is in the robot frame."""
     try:
-        aim = await _aim(tour, point, place, pose_map)
+        aim = await _aim(sequence, point, place, pose_map)
     except Fault as unclear:
         raise Fault(
             unclear.kind,
@@ -93,26 +93,26 @@ async def _place_um(tour: Tour, point: BoardPoint, place: Position, pose_map: Po
         ) from unclear
     here = aim.look.position
     way = aim.correction.dx_um, aim.correction.dy_um
-    seen: Array = tour.bench.geometry.tip_um(here) + way
+    seen: Array = sequence.context.geometry.tip_um(here) + way
     return seen
 
 
-async def _aim(tour: Tour, point: BoardPoint, place: Position, pose_map: PoseMap) -> Aim:
+async def _aim(sequence: MoveSequence, point: BoardPoint, place: Position, pose_map: PoseMap) -> Aim:
     """Look; if the needle stands in the way, look once more from beside."""
-    position = await tour.go(place)
+    position = await sequence.go(place)
     try:
-        return await look_and_aim(tour.job, tour.bench, position, point, pose_map)
+        return await look_and_aim(sequence.job, sequence.context, position, point, pose_map)
     except Fault as unclear:
         if unclear.kind not in UNCLEAR:
             raise
-    dx, dy = sidestep_um(tour.bench, point, pose_map, place.theta_deg)
-    longest = tour.bench.config.servo.max_placement_um / max(1.0, math.hypot(dx, dy))
+    dx, dy = sidestep_um(sequence.context, point, pose_map, place.theta_deg)
+    longest = sequence.context.config.servo.max_placement_um / max(1.0, math.hypot(dx, dy))
     share = min(1.0, longest)
-    position = await tour.go(shifted(place, dx * share, dy * share))
-    return await look_and_aim(tour.job, tour.bench, position, point, pose_map)
+    position = await sequence.go(shifted(place, dx * share, dy * share))
+    return await look_and_aim(sequence.job, sequence.context, position, point, pose_map)
 
 
-def _fit(points: list[BoardPoint], views: dict[str, list[Array]], bench: Bench) -> Alignment:
+def _fit(points: list[BoardPoint], views: dict[str, list[Array]], context: StationContext) -> Alignment:
     """Fit the board's pose to the mean of each fiducial's views, or say what speaks against it."""
     try:
         return fit_board(
@@ -121,24 +121,28 @@ def _fit(points: list[BoardPoint], views: dict[str, list[Array]], bench: Bench) 
             names=[p.name for p in points],
             max_residual_um=MAX_RESIDUAL_UM,
             max_scale_error=MAX_SCALE_ERROR,
-            nominal=bench.config.board.pose(),
-            max_shift_um=bench.config.servo.max_placement_um,
+            nominal=context.config.board.pose(),
+            max_shift_um=context.config.servo.max_placement_um,
             max_turn_deg=MAX_TURN_DEG,
             least_scatter_um=SCATTER_UM,
         )
     except ValueError as exc:
-        raise Fault(Kind.CALIBRATION_FAILED, f"the board cannot be aligned: {exc}") from exc
+        raise Fault(FaultCode.CALIBRATION_FAILED, f"the board cannot be aligned: {exc}") from exc
 
 
 def _record(
-    fitted: Alignment, points: list[BoardPoint], views: dict[str, list[Array]], bench: Bench, facts: dict[str, object]
+    fitted: Alignment,
+    points: list[BoardPoint],
+    views: dict[str, list[Array]],
+    context: StationContext,
+    facts: dict[str, object],
 ) -> AlignmentRecord:
     pose = fitted.pose
     seen = [np.mean(views[p.name], axis=0) for p in points]
     return AlignmentRecord(
         **facts,  # type: ignore[arg-type]  # checked by the model
-        board=bench.board.name,
-        side=bench.board.side,
+        board=context.board.name,
+        side=context.board.side,
         theta_deg=pose.theta_deg,
         scale=pose.scale,
         tx_um=pose.tx,
@@ -157,16 +161,16 @@ def _record(
     )
 
 
-def _told(record: AlignmentRecord, bench: Bench) -> dict[str, object]:
+def _told(record: AlignmentRecord, context: StationContext) -> dict[str, object]:
     """Return the figures for the answer: how the board lies beside where the configuration has it."""
-    middle = np.array((bench.board.width_um / 2, bench.board.height_um / 2))
-    shift = bench.geometry.board_to_robot_um(middle) - bench.geometry.nominal_um(middle)
+    middle = np.array((context.board.width_um / 2, context.board.height_um / 2))
+    shift = context.geometry.board_to_robot_um(middle) - context.geometry.nominal_um(middle)
     return {
         "board": record.board,
         "side": record.side,
         "fiducials": len(record.fiducials),
         "shift_um": [round(float(v), 1) for v in shift],
-        "turn_deg": round(record.theta_deg - bench.config.board.rotation_deg, 4),
+        "turn_deg": round(record.theta_deg - context.config.board.rotation_deg, 4),
         "scale_ppm": round((record.scale - 1.0) * 1e6),
         "rms_um": round(record.rms_um, 1),
     }

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import asdict
 
-from daemon.domain.errors import Fault, Kind
+from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.states import Event
-from daemon.jobs.context import Bench, Job, Outcome
+from daemon.jobs.context import JobContext, Outcome, StationContext
 from daemon.procedures.aiming import describe, known_beforehand, look_and_aim
 from daemon.station.station import Search
 from daemon.wire.requests import Home, Look, Place
@@ -17,70 +17,70 @@ ARRIVED_WITHIN_UM = 10.0
 FREE_LOOK_REACH_UM = 1000.0
 
 
-async def home(job: Job, bench: Bench) -> Outcome:
+async def home(job: JobContext, context: StationContext) -> Outcome:
     """Home all axes and see that the drives agree."""
     if not isinstance(job.request, Home):
         raise TypeError(job.request)
     job.fire(Event.ACCEPTED)
     job.fire(Event.SEEN)
     job.moves += 1
-    await bench.station.home(job.watch, job.deadline)
+    await context.station.home(job.watch, job.deadline)
     job.fire(Event.ARRIVED)
-    await bench.station.require_homed(job.watch, job.deadline)
-    position = await bench.station.position(job.watch, job.deadline)
+    await context.station.require_homed(job.watch, job.deadline)
+    position = await context.station.position(job.watch, job.deadline)
     return Outcome("homed", detail={"position": _numbers(position)})
 
 
-async def place(job: Job, bench: Bench) -> Outcome:
+async def place(job: JobContext, context: StationContext) -> Outcome:
     """Put the tip over a test point by the head model and the board's nominal pose."""
     request = job.request
     if not isinstance(request, Place):
         raise TypeError(request)
     job.partial.test_point = request.test_point
-    place_um = _place_of(request, bench)
-    await bench.station.require_homed(job.watch, job.deadline)
-    target = bench.geometry.position_over(place_um, request.theta_deg)
-    bench.station.check(target)
+    place_um = _place_of(request, context)
+    await context.station.require_homed(job.watch, job.deadline)
+    target = context.geometry.position_over(place_um, request.theta_deg)
+    context.station.check(target)
     job.fire(Event.ACCEPTED)
     job.fire(Event.SEEN)
     job.moves += 1
-    position = await bench.station.go(target, job.watch, job.deadline)
+    position = await context.station.go(target, job.watch, job.deadline)
     job.fire(Event.ARRIVED)
     away_um = math.dist((position.x_um, position.y_um, position.z_um), (target.x_um, target.y_um, target.z_um))
     if away_um > ARRIVED_WITHIN_UM:
-        raise Fault(Kind.MOTION_FAILED, f"the axes stand {away_um:.0f} um from where they were sent")
+        raise Fault(FaultCode.MOTION_FAILED, f"the axes stand {away_um:.0f} um from where they were sent")
     job.note("move", _numbers(target))
     return Outcome("placed", test_point=request.test_point, detail={"position": _numbers(position)})
 
 
-async def look(job: Job, bench: Bench) -> Outcome:
+async def look(job: JobContext, context: StationContext) -> Outcome:
     """Look once and tell what is seen. Nothing moves; without a taught probe only the pictures are taken."""
     request = job.request
     if not isinstance(request, Look):
         raise TypeError(request)
     job.partial.test_point = request.test_point
     job.fire(Event.ACCEPTED)
-    position = await bench.station.position(job.watch, job.deadline)
+    position = await context.station.position(job.watch, job.deadline)
     if request.test_point is not None:
-        point = bench.board.point(request.test_point)
-        calibrations = bench.calibrations
-        pose_map = calibrations.require_map(bench.config.servo.calibration_days, bench.config.gantry.work_z_um)
-        aim = await look_and_aim(job, bench, position, point, pose_map, known_beforehand(bench))
+        point = context.board.point(request.test_point)
+        calibrations = context.calibrations
+        pose_map = calibrations.require_map(context.config.servo.calibration_days, context.config.gantry.work_z_um)
+        aim = await look_and_aim(job, context, position, point, pose_map, known_beforehand(context))
         return Outcome(
             "looked",
             test_point=point.name,
             error_before_um=round(aim.error_um, 2),
             detail=describe(aim.look, aim.target, aim.correction),
         )
-    return Outcome("looked", detail=await _look_freely(job, bench, position))
+    return Outcome("looked", detail=await _look_freely(job, context, position))
 
 
-async def _look_freely(job: Job, bench: Bench, position: Position) -> dict[str, object]:
+async def _look_freely(job: JobContext, context: StationContext, position: Position) -> dict[str, object]:
     """Look without expecting any size; the answer lists all that was taken."""
-    probe, pose_map = bench.calibrations.probe, bench.calibrations.pose_map
+    probe, pose_map = context.calibrations.probe, context.calibrations.pose_map
     below_px = pose_map.below_tip_px if pose_map else (0.0, 0.0)
-    search = Search(below_px, FREE_LOOK_REACH_UM / bench.config.camera.pitch_um, None)
-    look = await bench.station.look(position, probe, search, job.watch, job.deadline)
+    search = Search(below_px, FREE_LOOK_REACH_UM / context.config.camera.pitch_um, None)
+    look = await context.station.look(position, probe, search, job.watch, job.deadline)
     job.saw(look)
     body = describe(look, None, None)
     if look.seen is not None:
@@ -92,11 +92,11 @@ async def _look_freely(job: Job, bench: Bench, position: Position) -> dict[str, 
     return body
 
 
-def _place_of(request: Place, bench: Bench) -> tuple[float, float]:
+def _place_of(request: Place, context: StationContext) -> tuple[float, float]:
     """Return the place asked for, board frame, um. Fiducials may be looked at, though never touched."""
     if request.board_um is not None:
         return request.board_um
-    return bench.board.find(request.test_point or "").place_um
+    return context.board.find(request.test_point or "").place_um
 
 
 def _numbers(position: Position) -> dict[str, float]:

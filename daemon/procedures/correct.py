@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from daemon.domain.board import BoardPoint
-from daemon.domain.errors import Fault, Kind
+from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.states import Event
-from daemon.jobs.context import Bench, Job, Outcome
+from daemon.jobs.context import JobContext, Outcome, StationContext
 from daemon.procedures.aiming import STILL_UM, UNCLEAR, Aim, Prior, known_beforehand, look_and_aim
 from daemon.wire.requests import Correct
 from drivers.gantry import Position
@@ -18,72 +18,76 @@ from vision.geometry.pose_map import PoseMap
 SIDESTEP_MARGIN_PX = 4.0
 
 
-async def correct(job: Job, bench: Bench) -> Outcome:
+async def correct(job: JobContext, context: StationContext) -> Outcome:
     """Bring the tip onto the test point it missed."""
     request = job.request
     if not isinstance(request, Correct):
         raise TypeError(request)
-    point, pose_map, start = await admit(job, bench, request)
+    point, pose_map, start = await admit(job, context, request)
     job.fire(Event.ACCEPTED)
-    start = await bench.station.to_work_height(start, job.watch, job.deadline)
-    aim = await _first_aim(job, bench, start, point, pose_map)
+    start = await context.station.to_work_height(start, job.watch, job.deadline)
+    aim = await _first_aim(job, context, start, point, pose_map)
     before_um = math.dist(aim.place_um, (start.x_um, start.y_um))
     job.partial.error_before_um = round(before_um, 2)
-    tolerance_um = bench.config.servo.tolerance_um
+    tolerance_um = context.config.servo.tolerance_um
     if aim.error_um <= tolerance_um:
         return _outcome("corrected" if job.moves else "already_on_target", point, before_um, aim)
-    while job.moves < bench.config.servo.max_moves:
-        position = await _step(job, bench, aim.look.position, _way(aim), pose_map)
+    while job.moves < context.config.servo.max_moves:
+        position = await _step(job, context, aim.look.position, _way(aim), pose_map)
         last_um, seen = aim.error_um, Prior(aim.shift_um, STILL_UM, firm=True)
-        aim = await look_and_aim(job, bench, position, point, pose_map, seen)
+        aim = await look_and_aim(job, context, position, point, pose_map, seen)
         job.partial.error_after_um = round(aim.error_um, 2)
         if aim.error_um <= tolerance_um:
             return _outcome("corrected", point, before_um, aim)
-        _must_shrink(last_um, aim.error_um, bench.config.servo.scatter_um)
+        _must_shrink(last_um, aim.error_um, context.config.servo.scatter_um)
     raise Fault(
-        Kind.NOT_CONVERGING,
+        FaultCode.NOT_CONVERGING,
         f"still {aim.error_um:.0f} um off after {job.moves} moves (tolerance {tolerance_um:.0f} um)",
         error_um=round(aim.error_um, 1),
     )
 
 
-async def _first_aim(job: Job, bench: Bench, start: Position, point: BoardPoint, pose_map: PoseMap) -> Aim:
+async def _first_aim(
+    job: JobContext, context: StationContext, start: Position, point: BoardPoint, pose_map: PoseMap
+) -> Aim:
     """Look; if the scene is not clear from here, step aside, to one side and the other, and look again.
 
     The needle may stand in front of the pad, or cut something else into a shape that cannot be told. A known step
     sideways uncovers it; it is a move like any other, checked and bounded. What is unclear from there too is a fault,
     and the head goes back to where it was.
     """
-    prior = known_beforehand(bench)
+    prior = known_beforehand(context)
     try:
-        return await look_and_aim(job, bench, start, point, pose_map, prior)
+        return await look_and_aim(job, context, start, point, pose_map, prior)
     except Fault as fault:
         if fault.kind not in UNCLEAR:
             raise
         unclear = fault
-    dx, dy = sidestep_um(bench, point, pose_map, start.theta_deg)
+    dx, dy = sidestep_um(context, point, pose_map, start.theta_deg)
     for aside_um in ((dx, dy), (-dx, -dy)):
-        position = await _step(job, bench, start, aside_um, pose_map)
+        position = await _step(job, context, start, aside_um, pose_map)
         try:
-            return await look_and_aim(job, bench, position, point, pose_map, prior)
+            return await look_and_aim(job, context, position, point, pose_map, prior)
         except Fault as still:
             if still.kind not in UNCLEAR:
                 raise
-    await _step(job, bench, start, (0.0, 0.0), pose_map)
+    await _step(job, context, start, (0.0, 0.0), pose_map)
     raise unclear
 
 
-async def _step(job: Job, bench: Bench, here: Position, way_um: tuple[float, float], pose_map: PoseMap) -> Position:
+async def _step(
+    job: JobContext, context: StationContext, here: Position, way_um: tuple[float, float], pose_map: PoseMap
+) -> Position:
     """Take one step of the machine's from wherever it is: a move, and the arrival after it."""
     job.fire(Event.OFF_TARGET if job.moves else Event.SEEN)
-    position = await _go(job, bench, here, way_um, pose_map)
+    position = await _go(job, context, here, way_um, pose_map)
     job.fire(Event.ARRIVED)
     return position
 
 
-def sidestep_um(bench: Bench, point: BoardPoint, pose_map: PoseMap, theta_deg: float) -> tuple[float, float]:
+def sidestep_um(context: StationContext, point: BoardPoint, pose_map: PoseMap, theta_deg: float) -> tuple[float, float]:
     """Return the head's step, robot frame, that shifts a pad behind the taper's middle out from behind it."""
-    probe = bench.calibrations.require_probe()
+    probe = context.calibrations.require_probe()
     radius_px = point.diameter_um / 2 * pose_map.scale_px_per_um(probe.tip_px)
     clear_px = probe.shape.cylinder_half_px / 2 + radius_px + SIDESTEP_MARGIN_PX
     across = (-math.sin(probe.angle_rad) * clear_px, math.cos(probe.angle_rad) * clear_px)
@@ -93,22 +97,22 @@ def sidestep_um(bench: Bench, point: BoardPoint, pose_map: PoseMap, theta_deg: f
     return float(dx), float(dy)
 
 
-async def admit(job: Job, bench: Bench, request: Correct) -> tuple[BoardPoint, PoseMap, Position]:
+async def admit(job: JobContext, context: StationContext, request: Correct) -> tuple[BoardPoint, PoseMap, Position]:
     """Check all that must hold before anything is done: homing, calibration, the head's place, the envelope."""
     job.partial.test_point = request.test_point
-    point = bench.board.point(request.test_point)
-    await bench.station.require_homed(job.watch, job.deadline)
-    bench.calibrations.require_probe()
-    pose_map = bench.calibrations.require_map(bench.config.servo.calibration_days, bench.config.gantry.work_z_um)
-    position = await bench.station.position(job.watch, job.deadline)
-    bench.station.check(bench.geometry.position_over(point.place_um, position.theta_deg))
-    away_um = math.hypot(*bench.geometry.from_tip_um(point.place_um, position))
-    if away_um > bench.config.servo.max_placement_um:
+    point = context.board.point(request.test_point)
+    await context.station.require_homed(job.watch, job.deadline)
+    context.calibrations.require_probe()
+    pose_map = context.calibrations.require_map(context.config.servo.calibration_days, context.config.gantry.work_z_um)
+    position = await context.station.position(job.watch, job.deadline)
+    context.station.check(context.geometry.position_over(point.place_um, position.theta_deg))
+    away_um = math.hypot(*context.geometry.from_tip_um(point.place_um, position))
+    if away_um > context.config.servo.max_placement_um:
         raise Fault(
-            Kind.NOT_AT_TEST_POINT,
+            FaultCode.NOT_AT_TEST_POINT,
             f"the head is {away_um / 1000:.1f} mm from {point.name}",
             away_um=round(away_um, 1),
-            limit_um=bench.config.servo.max_placement_um,
+            limit_um=context.config.servo.max_placement_um,
         )
     return point, pose_map, position
 
@@ -118,21 +122,23 @@ def _way(aim: Aim) -> tuple[float, float]:
     return aim.correction.dx_um, aim.correction.dy_um
 
 
-async def _go(job: Job, bench: Bench, here: Position, way_um: tuple[float, float], pose_map: PoseMap) -> Position:
+async def _go(
+    job: JobContext, context: StationContext, here: Position, way_um: tuple[float, float], pose_map: PoseMap
+) -> Position:
     """Move by an absolute target, never further than the map was calibrated for; return where the head is."""
-    limit_um = min(pose_map.radius_um, bench.config.servo.max_placement_um)
+    limit_um = min(pose_map.radius_um, context.config.servo.max_placement_um)
     length_um = math.hypot(*way_um)
     if not length_um <= limit_um:
         raise Fault(
-            Kind.CORRECTION_TOO_LARGE,
+            FaultCode.CORRECTION_TOO_LARGE,
             f"the correction would be {length_um:.0f} um; calibrated are {limit_um:.0f} um",
             correction_um=round(length_um, 1),
         )
-    target = Position(here.x_um + way_um[0], here.y_um + way_um[1], bench.config.gantry.work_z_um, here.theta_deg)
-    bench.station.check(target)
-    await bench.station.prepare_white(job.watch, job.deadline)
+    target = Position(here.x_um + way_um[0], here.y_um + way_um[1], context.config.gantry.work_z_um, here.theta_deg)
+    context.station.check(target)
+    await context.station.prepare_white(job.watch, job.deadline)
     job.moves += 1
-    reached = await bench.station.go(target, job.watch, job.deadline)
+    reached = await context.station.go(target, job.watch, job.deadline)
     job.note("move", {"x_um": round(target.x_um, 2), "y_um": round(target.y_um, 2), "theta_deg": here.theta_deg})
     return reached
 
@@ -145,7 +151,7 @@ def _must_shrink(before_um: float, after_um: float, scatter_um: float) -> None:
     """
     if not after_um < max(before_um, scatter_um):
         raise Fault(
-            Kind.NOT_CONVERGING,
+            FaultCode.NOT_CONVERGING,
             f"the move turned {before_um:.0f} um into {after_um:.0f} um",
             before_um=round(before_um, 1),
             after_um=round(after_um, 1),

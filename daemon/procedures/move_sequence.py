@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 from daemon.domain.states import Event
-from daemon.jobs.context import Bench, Job
+from daemon.jobs.context import JobContext, StationContext
 from drivers.gantry import Position
 
 BELOW: frozenset[str] = frozenset()
 """The rule: all axes come to a place from below."""
 
 
-class Tour:
-    """Go to one place after the other; the job must be in `look` when the tour begins."""
+class MoveSequence:
+    """Go to one place after the other; the job must be in `look` when the sequence begins."""
 
-    def __init__(self, job: Job, bench: Bench) -> None:
-        self.job, self.bench = job, bench
+    def __init__(self, job: JobContext, context: StationContext) -> None:
+        self.job, self.context = job, context
         self._under_way = False
 
     async def go(self, target: Position, *, from_above: frozenset[str] = BELOW) -> Position:
         """Move and return where the drives say the head is; the white lamp is switched on ahead."""
-        job, station = self.job, self.bench.station
+        job, station = self.job, self.context.station
         station.check(target)
         job.fire(Event.OFF_TARGET if self._under_way else Event.SEEN)
         self._under_way = True

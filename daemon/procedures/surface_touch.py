@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from daemon.domain.errors import Fault, Kind
+from daemon.domain.errors import Fault, FaultCode
 from daemon.procedures.aiming import require_tip
-from daemon.procedures.move_sequence import Tour, shifted
+from daemon.procedures.move_sequence import MoveSequence, shifted
 from drivers.gantry import Position
 from vision.geometry.frames import Array
 from vision.geometry.pose_map import PoseMap
@@ -40,18 +40,18 @@ class Push:
     full_px: Array
 
 
-async def press(tour: Tour, place: Position) -> Push:
+async def press(sequence: MoveSequence, place: Position) -> Push:
     """Touch the surface below a place and come back up; `place` is the head's position at working height."""
-    gantry = tour.bench.config.gantry
+    gantry = sequence.context.config.gantry
     down_um = gantry.work_z_um - gantry.touch_z_um
-    free = await _tip_px(tour, await tour.go(place))
+    free = await _tip_px(sequence, await sequence.go(place))
     try:
-        half = await _tip_px(tour, await tour.go(shifted(place, dz_um=-down_um - gantry.press_um / 2)))
-        full = await _tip_px(tour, await tour.go(shifted(place, dz_um=-down_um - gantry.press_um)))
+        half = await _tip_px(sequence, await sequence.go(shifted(place, dz_um=-down_um - gantry.press_um / 2)))
+        full = await _tip_px(sequence, await sequence.go(shifted(place, dz_um=-down_um - gantry.press_um)))
     except Fault:
-        await tour.go(place)  # nothing is left standing on a board
+        await sequence.go(place)  # nothing is left standing on a board
         raise
-    await tour.go(place)
+    await sequence.go(place)
     return Push(place, half - free, full - free)
 
 
@@ -68,7 +68,7 @@ def heights_um(pushes: Sequence[Push], pose_map: PoseMap, press_um: float) -> li
         if pushed_um < LEAST_PUSH_UM:
             at = push.place
             raise Fault(
-                Kind.CALIBRATION_FAILED,
+                FaultCode.CALIBRATION_FAILED,
                 f"half pressed the pin met no surface at X {at.x_um / 1e3:.2f} mm, Y {at.y_um / 1e3:.2f} mm",
                 advice="correct gantry.touch_z_um, or raise gantry.press_um",
                 pushed_um=round(float(pushed_um), 1),
@@ -76,32 +76,32 @@ def heights_um(pushes: Sequence[Push], pose_map: PoseMap, press_um: float) -> li
     scale = float((full - half).mean()) / (press_um / 2)
     if not LIKELY[0] <= scale <= LIKELY[1]:
         raise Fault(
-            Kind.CALIBRATION_FAILED,
+            FaultCode.CALIBRATION_FAILED,
             f"the tip moved {scale:.2f} times as far as a pushed pin would",
             advice="see that the pin moves freely and the probe sits firmly, then calibrate the map again",
         )
     return [float(h) for h in full / scale - press_um]
 
 
-async def card_height_um(tour: Tour, pose_map: PoseMap, over: Position) -> float:
+async def card_height_um(sequence: MoveSequence, pose_map: PoseMap, over: Position) -> float:
     """Return the height of the control point's paper; 0 if it is not to be touched.
 
     `over`: where the head stands above its centre.
     """
-    press_um = tour.bench.config.gantry.press_um
+    press_um = sequence.context.config.gantry.press_um
     if press_um <= 0.0:
         return 0.0
-    pushes = [await press(tour, shifted(over, dx, dy)) for dx, dy in CARD_PLACES_UM]
+    pushes = [await press(sequence, shifted(over, dx, dy)) for dx, dy in CARD_PLACES_UM]
     return float(np.median(heights_um(pushes, pose_map, press_um)))
 
 
-async def _tip_px(tour: Tour, position: Position) -> Array:
+async def _tip_px(sequence: MoveSequence, position: Position) -> Array:
     """Return where the tip is in the picture, mean of a few."""
-    bench, job = tour.bench, tour.job
-    probe = bench.calibrations.require_probe()
+    context, job = sequence.context, sequence.job
+    probe = context.calibrations.require_probe()
     found = []
     for _ in range(LOOKS):
-        look = await bench.station.look_white(position, probe, None, job.watch, job.deadline)
+        look = await context.station.look_white(position, probe, None, job.watch, job.deadline)
         job.saw(look)
         tip = require_tip(look)
         found.append((tip.x_px, tip.y_px))

@@ -13,7 +13,7 @@ import zmq
 import zmq.asyncio
 from zmq.auth.asyncio import AsyncioAuthenticator
 
-from daemon.domain.errors import Fault, Kind
+from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.roles import Caller, Role
 from daemon.server.keyring import Keyring
 
@@ -22,7 +22,7 @@ HEARTBEAT_MS, DEAD_AFTER_MS = 5_000, 20_000
 log = structlog.get_logger(__name__)
 
 
-class Guard:
+class Authenticator:
     """Protect sockets and tell who sent a message."""
 
     def __init__(self, role: Role, keyring: Keyring | None = None) -> None:
@@ -83,5 +83,5 @@ class Guard:
         public = str(frame.get("User-Id"))
         client = self._keyring.find(public)
         if client is None:
-            raise Fault(Kind.KEY_REVOKED, public=public)
+            raise Fault(FaultCode.KEY_REVOKED, public=public)
         return Caller(client.name, client.role)

@@ -17,10 +17,10 @@ import structlog
 import zmq
 
 from daemon.config.model import ApiSection
-from daemon.domain.errors import Fault, Kind
+from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.results import ErrorBody
 from daemon.domain.roles import Caller, require
-from daemon.server.auth import Guard
+from daemon.server.auth import Authenticator
 from daemon.server.event_publisher import bind
 from daemon.server.rate_limit import RateLimit
 from daemon.station.device_errors import as_fault
@@ -50,7 +50,7 @@ class ControlSocket:
     """Serve requests."""
 
     def __init__(
-        self, context: zmq.Context[Any], api: ApiSection, version: str, answers: Answers, guard: Guard
+        self, context: zmq.Context[Any], api: ApiSection, version: str, answers: Answers, guard: Authenticator
     ) -> None:
         self._max_message_bytes = api.max_message_bytes
         self._version, self._answers, self._guard = version, answers, guard
@@ -139,7 +139,7 @@ class ControlSocket:
         """Raise `Fault` if too many replies are held already, for this client or for all."""
         if len(self._pending) >= MAX_PENDING or self._held[client] >= MAX_HELD:
             raise Fault(
-                Kind.BUSY, f"{self._held[client]} replies are held for this client, {len(self._pending)} for all",
+                FaultCode.BUSY, f"{self._held[client]} replies are held for this client, {len(self._pending)} for all",
                 limit_held=MAX_PENDING, limit_held_per_client=MAX_HELD,
             )  # fmt: skip
 
@@ -181,19 +181,19 @@ class ControlSocket:
         """Read the one JSON frame of a message; its size is looked at before anything else of it is."""
         size = sum(len(frame) for frame in body)
         if size > self._max_message_bytes:
-            raise Fault(Kind.MESSAGE_TOO_LARGE, f"{size} bytes", limit_bytes=self._max_message_bytes)
+            raise Fault(FaultCode.MESSAGE_TOO_LARGE, f"{size} bytes", limit_bytes=self._max_message_bytes)
         if len(body) != 1:
-            raise Fault(Kind.BAD_JSON, f"{len(body)} frames instead of one")
+            raise Fault(FaultCode.BAD_JSON, f"{len(body)} frames instead of one")
         try:
             return json.loads(body[0].bytes)
         except (ValueError, RecursionError) as exc:
-            raise Fault(Kind.BAD_JSON, f"not JSON: {exc}"[:300]) from exc
+            raise Fault(FaultCode.BAD_JSON, f"not JSON: {exc}"[:300]) from exc
 
 
 def _refusal(error: Exception) -> Refusal:
     """Turn whatever was raised into the reply that says so."""
     fault = as_fault(error)
-    if fault.kind is Kind.INTERNAL:
+    if fault.kind is FaultCode.INTERNAL:
         log.error("request_failed_internally", exc_info=error)
     return Refusal(error=ErrorBody.of(fault))
 

@@ -10,7 +10,7 @@ import structlog
 import zmq
 
 from daemon.platform.clock import utc_now
-from daemon.server.auth import Guard
+from daemon.server.auth import Authenticator
 from daemon.storage.journal import Journal
 from daemon.wire.events import Topic, event
 from daemon.wire.limits import EVENT_QUEUE
@@ -29,7 +29,7 @@ def bind(socket: zmq.Socket[Any], endpoint: str) -> None:
         raise
 
 
-class Events:
+class EventPublisher:
     """Publish; a PUB socket never blocks, so this may be called from anywhere in the event loop."""
 
     def __init__(
@@ -39,13 +39,13 @@ class Events:
         station: str,
         journal: Journal,
         count: Count | None = None,
-        guard: Guard | None = None,
+        guard: Authenticator | None = None,
     ) -> None:
         self._context, self._endpoint = context, endpoint
         self._count = count
         self._station = station
         self._journal = journal
-        self._guard = guard or Guard("maintain")
+        self._guard = guard or Authenticator("maintain")
         self._removals = self._guard.removals
         self._moving: asyncio.Task[None] | None = None
         self._socket = self._open()

@@ -7,13 +7,13 @@ from typing import Protocol
 
 from daemon.config.model import Config
 from daemon.domain.board import Board
-from daemon.domain.errors import Fault, Kind
+from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.results import ErrorBody
 from daemon.domain.roles import Caller, may
 from daemon.domain.states import BUSY, Machine
-from daemon.jobs.image_archive import Pictures
-from daemon.jobs.runner import Jobs
-from daemon.maintenance.monitor import Keeper
+from daemon.jobs.image_archive import ImageArchive
+from daemon.jobs.runner import JobRunner
+from daemon.maintenance.monitor import Monitor
 from daemon.storage.calibration_store import Calibrations
 from daemon.storage.journal import Journal
 from daemon.telemetry.metrics import Metrics
@@ -71,12 +71,12 @@ class Served(Protocol):
 
     config: Config
     machine: Machine
-    jobs: Jobs
+    jobs: JobRunner
     board: Board
     calibrations: Calibrations
-    pictures: Pictures
+    pictures: ImageArchive
     metrics: Metrics
-    keeper: Keeper
+    monitor: Monitor
 
     def vitals(self) -> Vitals:
         """Read what is so at present."""
@@ -85,7 +85,7 @@ class Served(Protocol):
         """Try to leave a fault; return what still speaks against it."""
 
 
-class Ops:
+class Handlers:
     """Answer requests for one daemon."""
 
     def __init__(self, service: Served, journal: Journal) -> None:
@@ -134,14 +134,14 @@ class Ops:
                 return await self._report(request)
             case Alerts():
                 past = await self._journal.alerts(request.since, request.limit)
-                overview = self._service.keeper.overview()
+                overview = self._service.monitor.overview()
                 return AlertsReply(alerts=[PastAlert.model_validate(alert) for alert in past], **overview)
             case Acknowledge():
-                keeper = self._service.keeper
-                known = await keeper.acknowledge(request.alert, request.by, request.note, mended=request.mended)
+                monitor = self._service.monitor
+                known = await monitor.acknowledge(request.alert, request.by, request.note, mended=request.mended)
                 return AcknowledgeReply(alert=AlertFacts.model_validate(known.to_dict()))
             case _:
-                raise Fault(Kind.UNKNOWN_OP)
+                raise Fault(FaultCode.UNKNOWN_OP)
 
     def _status(self) -> StatusReply:
         service = self._service
@@ -184,7 +184,7 @@ class Ops:
             events=api.events,
             board=_board_facts(service.board),
             errors=[
-                ErrorFacts(code=k.code, name=k.wire_name, cause=k.value.cause, advice=k.value.advice) for k in Kind
+                ErrorFacts(code=k.code, name=k.wire_name, cause=k.value.cause, advice=k.value.advice) for k in FaultCode
             ],
             versions=list(VERSIONS),
             topics=list(TOPICS),
@@ -197,7 +197,7 @@ class Ops:
 
     async def _reset(self) -> Reply:
         if self._service.machine.state in BUSY:
-            raise Fault(Kind.BUSY, "a job runs; cancel it first")
+            raise Fault(FaultCode.BUSY, "a job runs; cancel it first")
         fault = await self._service.reset()
         if fault is not None:
             raise fault
@@ -206,15 +206,15 @@ class Ops:
     async def _result(self, job_id: str) -> Reply:
         stored = await self._journal.job(job_id)
         if stored is None:
-            raise Fault(Kind.UNKNOWN_JOB, f"no job {job_id!r}"[:200], id=job_id)
+            raise Fault(FaultCode.UNKNOWN_JOB, f"no job {job_id!r}"[:200], id=job_id)
         return ResultReply(id=job_id, done=stored.result is not None, result=stored.result)
 
     async def _report(self, request: Report) -> Reply:
         if request.id is not None and await self._journal.job(request.id) is None:
-            raise Fault(Kind.UNKNOWN_JOB, f"no job {request.id!r}"[:200], id=request.id)
+            raise Fault(FaultCode.UNKNOWN_JOB, f"no job {request.id!r}"[:200], id=request.id)
         await self._journal.add_report(request.id, request.retest, request.touches)
         self._service.metrics.report(request.retest, request.touches)
-        self._service.keeper.reported(request.touches)
+        self._service.monitor.on_touches(request.touches)
         return ReportReply(touches=await self._journal.touches())
 
 

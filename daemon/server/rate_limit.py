@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable
 
-from daemon.domain.errors import Fault, Kind
+from daemon.domain.errors import Fault, FaultCode
 
 BUCKETS = 1024
 """So many clients are remembered; of more, those that have been quiet longest begin anew."""
@@ -32,6 +32,6 @@ class RateLimit:
         if not enough:
             wait_ms = math.ceil((1.0 - tokens) / self._per_s * 1e3)
             raise Fault(
-                Kind.RATE_LIMITED, f"more than {self._per_s:g} requests a second", retry_after_ms=wait_ms,
+                FaultCode.RATE_LIMITED, f"more than {self._per_s:g} requests a second", retry_after_ms=wait_ms,
                 limit_per_s=self._per_s, burst=self._burst,
             )  # fmt: skip

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from daemon.domain.errors import Fault, Kind
+from daemon.domain.errors import Fault, FaultCode
 from drivers import errors
 
-_KINDS: tuple[tuple[type[errors.DeviceError], Kind], ...] = (
-    (errors.NotHomed, Kind.NOT_HOMED),
-    (errors.EnvelopeViolation, Kind.OUTSIDE_ENVELOPE),
-    (errors.LimitHit, Kind.LIMIT_HIT),
-    (errors.Stalled, Kind.AXIS_STALLED),
-    (errors.EmergencyStop, Kind.EMERGENCY_STOP),
-    (errors.MotionError, Kind.MOTION_FAILED),
-    (errors.CameraError, Kind.CAMERA_FAILED),
-    (errors.LightError, Kind.LIGHT_FAILED),
-    (errors.DeviceRefused, Kind.DEVICE_REFUSED),
-    (errors.DeviceError, Kind.LINK_LOST),
+_KINDS: tuple[tuple[type[errors.DeviceError], FaultCode], ...] = (
+    (errors.NotHomed, FaultCode.NOT_HOMED),
+    (errors.EnvelopeViolation, FaultCode.OUTSIDE_ENVELOPE),
+    (errors.LimitHit, FaultCode.LIMIT_HIT),
+    (errors.Stalled, FaultCode.AXIS_STALLED),
+    (errors.EmergencyStop, FaultCode.EMERGENCY_STOP),
+    (errors.MotionError, FaultCode.MOTION_FAILED),
+    (errors.CameraError, FaultCode.CAMERA_FAILED),
+    (errors.LightError, FaultCode.LIGHT_FAILED),
+    (errors.DeviceRefused, FaultCode.DEVICE_REFUSED),
+    (errors.DeviceError, FaultCode.LINK_LOST),
 )
 
 
@@ -26,7 +26,7 @@ def as_fault(error: Exception) -> Fault:
     if isinstance(error, errors.DeviceError):
         kind = next(kind for raised, kind in _KINDS if isinstance(error, raised))
         return Fault(kind, str(error), device=error.device, advice=error.advice)
-    return Fault(Kind.INTERNAL, f"{type(error).__name__}: {error}")
+    return Fault(FaultCode.INTERNAL, f"{type(error).__name__}: {error}")
 
 
 def forget_frames(error: BaseException) -> None:

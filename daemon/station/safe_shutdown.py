@@ -9,15 +9,17 @@ import asyncio
 
 import structlog
 
-from daemon.domain.errors import Fault, Kind
+from daemon.domain.errors import Fault, FaultCode
 from daemon.station.devices import Hardware
 from daemon.station.station import Station
 from drivers.deadline import Deadline
 from drivers.errors import DeviceError
 
-REFERENCE_LOST = frozenset({Kind.MOTION_FAILED, Kind.AXIS_STALLED, Kind.LIMIT_HIT, Kind.EMERGENCY_STOP})
+REFERENCE_LOST = frozenset(
+    {FaultCode.MOTION_FAILED, FaultCode.AXIS_STALLED, FaultCode.LIMIT_HIT, FaultCode.EMERGENCY_STOP}
+)
 """After these an axis may not stand where its drive believes: only homing settles it."""
-UNSURE = REFERENCE_LOST | {Kind.LINK_LOST, Kind.DEVICE_REFUSED, Kind.NOT_HOMED}
+UNSURE = REFERENCE_LOST | {FaultCode.LINK_LOST, FaultCode.DEVICE_REFUSED, FaultCode.NOT_HOMED}
 """In these faults nothing is moved by itself, not even away from the board: a person looks first."""
 ASK_WITHIN_S = 1.5
 LIFT_WITHIN_S = 6.0
@@ -25,14 +27,14 @@ CLOSE_WITHIN_S = 2.0
 log = structlog.get_logger(__name__)
 
 
-async def leave(hardware: Hardware, station: Station | None, fault: Fault | None) -> None:
+async def shut_down(hardware: Hardware, station: Station | None, fault: Fault | None) -> None:
     """Lift the needle if that is safe, darken, and let go of the devices. No motion is under way any more."""
     if station is not None:
-        await lift(hardware, station, fault)
+        await retract(hardware, station, fault)
     await hardware.close(Deadline.after(CLOSE_WITHIN_S))
 
 
-async def lift(hardware: Hardware, station: Station, fault: Fault | None) -> bool:
+async def retract(hardware: Hardware, station: Station, fault: Fault | None) -> bool:
     """Bring Z to the safe height; return whether it is there. What keeps it down is logged and nothing moves."""
     if fault is not None and fault.kind in UNSURE:
         log.warning("needle_not_lifted", why=fault.kind.wire_name)
@@ -40,7 +42,7 @@ async def lift(hardware: Hardware, station: Station, fault: Fault | None) -> boo
     try:
         # Asked first: a move that fails for want of an answer would try to stop four silent drives.
         if not await hardware.gantry.homed(Deadline.after(ASK_WITHIN_S)):
-            log.warning("needle_not_lifted", why=Kind.NOT_HOMED.wire_name)
+            log.warning("needle_not_lifted", why=FaultCode.NOT_HOMED.wire_name)
             return False
         await station.retract(Deadline.after(LIFT_WITHIN_S))
     except (DeviceError, Fault) as exc:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from daemon.config.model import Config
 from daemon.domain.board import BoardPoint
-from daemon.domain.errors import Fault, Kind
+from daemon.domain.errors import Fault, FaultCode
 from daemon.platform.clock import Stopwatch
 from daemon.station.devices import Hardware
 from drivers.camera import Frame
@@ -29,7 +29,7 @@ HEIGHT_WINDOW_UM = 5.0
 
 
 @dataclass(frozen=True)
-class Look:
+class LookResult:
     """What one look brought: the frames, where the head was, the tip and what was looked for.
 
     `tip` is None when no probe is taught; `seen` is what the red frame showed, `cross` what the white one did: each is
@@ -123,7 +123,7 @@ class Station:
         with watch.spend("bus"):
             homed = await self._hardware.gantry.homed(deadline.within(HOMED_WITHIN_S))
         if not homed:
-            raise Fault(Kind.NOT_HOMED)
+            raise Fault(FaultCode.NOT_HOMED)
 
     def check(self, target: Position) -> None:
         """Raise if the target is outside of what the machine may reach."""
@@ -131,7 +131,7 @@ class Station:
 
     async def look(
         self, position: Position, model: ProbeModel | None, search: Search, watch: Stopwatch, deadline: Deadline
-    ) -> Look:
+    ) -> LookResult:
         """Take white and red from where the head is and find tip and pads; nothing moves."""
         white = await self.picture(Light.WHITE, watch, deadline)
         tip_search = asyncio.create_task(asyncio.to_thread(_search_tip, white, model))
@@ -141,15 +141,15 @@ class Station:
         finally:
             tip_search.cancel()
         seen = await asyncio.to_thread(_search_pads, red, tip, search) if tip else None
-        return Look(white, red, position, tip, model.tip_px if model is not None else None, seen=seen)
+        return LookResult(white, red, position, tip, model.tip_px if model is not None else None, seen=seen)
 
     async def look_white(
         self, position: Position, model: ProbeModel, cross: CrossSearch | None, watch: Stopwatch, deadline: Deadline
-    ) -> Look:
+    ) -> LookResult:
         """Take one white frame and find the tip in it, and the control point if it is asked for; nothing moves."""
         white = await self.picture(Light.WHITE, watch, deadline)
         tip, found = await asyncio.to_thread(_search_white, white, model, cross)
-        return Look(white, None, position, tip, model.tip_px, cross=found)
+        return LookResult(white, None, position, tip, model.tip_px, cross=found)
 
     async def picture(self, light: Light, watch: Stopwatch, deadline: Deadline) -> Frame:
         """Take one frame that was exposed wholly after light and head had settled."""
@@ -172,7 +172,7 @@ class Station:
         with watch.spend("bus"):
             await self._hardware.lights.set(Light.WHITE, deadline)
 
-    async def dark(self, watch: Stopwatch, deadline: Deadline) -> None:
+    async def lights_off(self, watch: Stopwatch, deadline: Deadline) -> None:
         """Switch both rings off."""
         with watch.spend("bus"):
             await self._hardware.lights.set(Light.OFF, deadline)

@@ -21,7 +21,7 @@ class _Part(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-class Seen(_Part):
+class SeenTarget(_Part):
     """One sighting of the resting mark: its pixel as if the tip were at the map's tip, and where the head stood."""
 
     theta_deg: float
@@ -51,7 +51,7 @@ class MapRecord(Made):
     mark: str
     theta_deg: float
     tip_px: Pair
-    sightings: tuple[Seen, ...]
+    sightings: tuple[SeenTarget, ...]
     pose_map: dict[str, Any]
     """`PoseMap.to_json`, decoded."""
 
@@ -67,7 +67,7 @@ class Stop(_Part):
     looks: int
 
 
-class Landing(_Part):
+class TrialLanding(_Part):
     """One jump to the control point by calculation alone: where the tip was from it, robot frame."""
 
     theta_deg: float
@@ -107,11 +107,11 @@ class RotationRecord(Made):
     """Eq. 6.8, of the head in force until then."""
     closure_um: float
     """How far from its first stop the first angle was at the end."""
-    before: tuple[Landing, ...]
+    before: tuple[TrialLanding, ...]
     """Landings that the head model in force before this calibration gives, at the stops."""
-    after: tuple[Landing, ...]
+    after: tuple[TrialLanding, ...]
     """Landings by the new model at angles that were not fitted, looked at afterwards."""
-    sightings: tuple[Seen, ...]
+    sightings: tuple[SeenTarget, ...]
 
 
 class Touch(_Part):

@@ -7,7 +7,7 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from daemon.platform.atomic_file import replace_whole
-from daemon.storage.calibration_records import Pair, Seen, Stop
+from daemon.storage.calibration_records import Pair, SeenTarget, Stop
 
 _FILE = "rotation.partial.json"
 _RUN = {"station", "probe", "map_made_at", "control_um", "angles"}
@@ -25,7 +25,7 @@ class Partial(BaseModel):
     angles: tuple[float, ...]
     card_height_um: float
     stops: tuple[Stop, ...]
-    sightings: tuple[Seen, ...]
+    sightings: tuple[SeenTarget, ...]
 
     def same_run(self, other: Partial) -> bool:
         """Tell whether both stand on the same station, probe, map, control point and angles."""

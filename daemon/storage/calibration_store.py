@@ -17,7 +17,7 @@ from typing import Final
 import structlog
 
 from daemon.domain.board import Board
-from daemon.domain.errors import Fault, Kind
+from daemon.domain.errors import Fault, FaultCode
 from daemon.platform.atomic_file import replace_whole
 from daemon.platform.clock import utc_now
 from daemon.storage.calibration_records import (
@@ -168,9 +168,11 @@ class Calibrations:
             raise self._missing("map", "the map from image to robot has not been calibrated")
         age = datetime.now(UTC) - datetime.fromisoformat(self.mapped_at)
         if age.total_seconds() > max_age_days * 86400:
-            raise Fault(Kind.NOT_CALIBRATED, f"the map is {age.days} days old", made_at=self.mapped_at)
+            raise Fault(FaultCode.NOT_CALIBRATED, f"the map is {age.days} days old", made_at=self.mapped_at)
         if abs(self.pose_map.work_z_um - work_z_um) > 1.0:
-            raise Fault(Kind.NOT_CALIBRATED, "the map was made at another working height", was=self.pose_map.work_z_um)
+            raise Fault(
+                FaultCode.NOT_CALIBRATED, "the map was made at another working height", was=self.pose_map.work_z_um
+            )
         return self.pose_map
 
     def alignment(self, board: Board) -> AlignmentRecord | None:
@@ -182,7 +184,7 @@ class Calibrations:
 
     def _missing(self, what: str, fact: str) -> Fault:
         why = self.problems.get(what)
-        return Fault(Kind.NOT_CALIBRATED, f"{fact}: {why}" if why else fact)
+        return Fault(FaultCode.NOT_CALIBRATED, f"{fact}: {why}" if why else fact)
 
 
 def stamp(utc: str) -> str:

@@ -15,7 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-from daemon.domain.errors import Fault, Kind
+from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.results import JobResult
 from daemon.platform.clock import utc_now
 from daemon.storage.journal_schema import close_file, is_damage, open_file, set_meta
@@ -66,7 +66,7 @@ class Journal:
                 if newer
                 else "see that the folder is the service's own and the disk is not full"
             )
-            raise Fault(Kind.JOURNAL_FAILED, f"{path}: {exc}", advice=advice) from exc
+            raise Fault(FaultCode.JOURNAL_FAILED, f"{path}: {exc}", advice=advice) from exc
         journal = cls(opened.db, writer, opened.next_seq)
         journal.moved_to, journal.moved_because = opened.moved_to, opened.why
         return journal
@@ -223,7 +223,7 @@ class Journal:
             return await asyncio.get_running_loop().run_in_executor(self._writer, work, self._db)
         except sqlite3.Error as exc:
             self._damaged = self._damaged or is_damage(exc)
-            raise Fault(Kind.JOURNAL_FAILED, f"the journal answers: {exc}") from exc
+            raise Fault(FaultCode.JOURNAL_FAILED, f"the journal answers: {exc}") from exc
 
 
 def _trim(db: sqlite3.Connection, measurements_kept: int) -> int:

@@ -7,7 +7,7 @@ from typing import Protocol
 from daemon.domain.errors import Fault
 from daemon.domain.results import JobResult
 from daemon.domain.states import BUSY, Machine
-from daemon.jobs.runner import Jobs
+from daemon.jobs.runner import JobRunner
 from daemon.platform.systemd_notify import Notifier
 
 
@@ -15,10 +15,10 @@ class Stands(Protocol):
     """Whose standing is told."""
 
     machine: Machine
-    jobs: Jobs
+    jobs: JobRunner
 
 
-class Standing:
+class StatusLine:
     """Keep the service manager told."""
 
     def __init__(self, daemon: Stands, notifier: Notifier) -> None:
@@ -33,7 +33,7 @@ class Standing:
         self._up = True
         self._notifier.ready(self.line())
 
-    def told(self, result: JobResult) -> None:
+    def on_result(self, result: JobResult) -> None:
         """Take a job's result."""
         self._last = result
         self.refresh()

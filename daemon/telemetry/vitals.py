@@ -12,7 +12,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol
 
-from daemon.jobs.runner import Jobs
+from daemon.jobs.runner import JobRunner
 from daemon.station.devices import Hardware
 from daemon.storage.calibration_store import Calibrations
 
@@ -39,7 +39,7 @@ class Vitals:
 class Read(Protocol):
     """What is looked at."""
 
-    jobs: Jobs
+    jobs: JobRunner
     calibrations: Calibrations
 
     @property

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from daemon.domain.errors import Fault, Kind
+from daemon.domain.errors import Fault, FaultCode
 
 ABSOLUTE_DEADLINE_FROM_MS = 10**11
 """Deadlines from here on are Unix time; smaller ones are a budget that starts when the request arrives."""
@@ -17,5 +17,5 @@ def due_at_s(deadline_ms: float | None, default_s: float) -> float:
         return now_s + default_s
     left_ms = deadline_ms - time.time() * 1e3 if deadline_ms >= ABSOLUTE_DEADLINE_FROM_MS else deadline_ms
     if left_ms <= 0:
-        raise Fault(Kind.STALE_DEADLINE, f"the deadline passed {-left_ms:.0f} ms ago", late_ms=round(-left_ms, 1))
+        raise Fault(FaultCode.STALE_DEADLINE, f"the deadline passed {-left_ms:.0f} ms ago", late_ms=round(-left_ms, 1))
     return now_s + left_ms / 1e3

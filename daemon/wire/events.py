@@ -14,7 +14,7 @@ from daemon.wire.requests import WIRE_VERSION
 Topic = Literal["state", "result", "alert", "heartbeat", "progress", "log"]
 
 
-class Event(Told):
+class EventMessage(Told):
     """What every event carries. It says by itself whose it is and when it was, for it may be forwarded."""
 
     # The daemon must not say what is not written here; who listens ignores what it does not know.
@@ -27,7 +27,7 @@ class Event(Told):
     station: str
 
 
-class StateEvent(Event):
+class StateEvent(EventMessage):
     """The machine went from one state to another."""
 
     topic: Literal["state"]
@@ -38,7 +38,7 @@ class StateEvent(Event):
     fault: ErrorBody | None = Field(description="why, in state fault")
 
 
-class ResultEvent(JobResult, Event):
+class ResultEvent(JobResult, EventMessage):
     """A job ended: its result, as it is answered and kept."""
 
     topic: Literal["result"]
@@ -74,7 +74,7 @@ class AlertFacts(Told):
     acknowledged: Acknowledged | None = Field(description="null while nobody knows")
 
 
-class AlertEvent(AlertFacts, Event):
+class AlertEvent(AlertFacts, EventMessage):
     """Something needs a person, or does not any more."""
 
     topic: Literal["alert"]
@@ -82,7 +82,7 @@ class AlertEvent(AlertFacts, Event):
     change: Literal["raised", "worse", "acknowledged", "cleared"]
 
 
-class HeartbeatEvent(Event):
+class HeartbeatEvent(EventMessage):
     """The daemon lives; it comes at a steady pace, so that its absence says something."""
 
     topic: Literal["heartbeat"]
@@ -90,7 +90,7 @@ class HeartbeatEvent(Event):
     version: str = Field(description="of the daemon's program")
 
 
-class ProgressEvent(Event):
+class ProgressEvent(EventMessage):
     """How far a job of minutes is."""
 
     topic: Literal["progress"]
@@ -101,7 +101,7 @@ class ProgressEvent(Event):
     doing: str
 
 
-class LogEvent(Event):
+class LogEvent(EventMessage):
     """Something that matters to whoever runs the station; the facts stand beside, by their own names."""
 
     model_config = ConfigDict(frozen=True, extra="allow")
@@ -109,7 +109,7 @@ class LogEvent(Event):
     event: str = Field(description="what happened, such as configuration_taken or configuration_refused")
 
 
-TOPICS: Final[Mapping[str, type[Event]]] = MappingProxyType(
+TOPICS: Final[Mapping[str, type[EventMessage]]] = MappingProxyType(
     {
         "state": StateEvent,
         "result": ResultEvent,
@@ -121,6 +121,6 @@ TOPICS: Final[Mapping[str, type[Event]]] = MappingProxyType(
 )
 
 
-def event(topic: Topic, seq: int, time: str, station: str, body: dict[str, Any]) -> Event:
+def event(topic: Topic, seq: int, time: str, station: str, body: dict[str, Any]) -> EventMessage:
     """Build an event from what is particular to it; raise ValueError for a field its model has not."""
     return TOPICS[topic](**{**body, "topic": topic, "seq": seq, "time": time, "station": station})

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 
-from daemon.domain.errors import Fault, Kind
+from daemon.domain.errors import Fault, FaultCode
 
 WIRE_VERSION: Literal[1] = 1
 VERSIONS: tuple[int, ...] = (WIRE_VERSION,)
@@ -212,17 +212,19 @@ OPS: tuple[str, ...] = tuple(
 def parse_request(raw: Any) -> AnyRequest:
     """Validate a decoded JSON value; raise `Fault` with every bad field named."""
     if not isinstance(raw, dict):
-        raise Fault(Kind.BAD_JSON, "the message is not a JSON object", got=type(raw).__name__)
+        raise Fault(FaultCode.BAD_JSON, "the message is not a JSON object", got=type(raw).__name__)
     version = raw.get("v", WIRE_VERSION)
     if type(version) is not int or version not in VERSIONS:
-        raise Fault(Kind.UNSUPPORTED_VERSION, f"version {version!r}"[:200] + " is not spoken here", supported=VERSIONS)
+        raise Fault(
+            FaultCode.UNSUPPORTED_VERSION, f"version {version!r}"[:200] + " is not spoken here", supported=VERSIONS
+        )
     op = raw.get("op")
     if op not in OPS:
-        raise Fault(Kind.UNKNOWN_OP, f"there is no operation {op!r}"[:200], ops=list(OPS))
+        raise Fault(FaultCode.UNKNOWN_OP, f"there is no operation {op!r}"[:200], ops=list(OPS))
     try:
         return REQUESTS.validate_python(raw)
     except ValidationError as exc:
-        raise Fault(Kind.INVALID_REQUEST, fields=_fields(exc)) from exc
+        raise Fault(FaultCode.INVALID_REQUEST, fields=_fields(exc)) from exc
 
 
 def _fields(error: ValidationError) -> list[dict[str, str]]:

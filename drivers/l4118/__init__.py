@@ -2,6 +2,15 @@
 
 from drivers.l4118.contract import AxisConfig, AxisFindings, AxisHealth, AxisIdentity, AxisStatus, HomingConfig
 from drivers.l4118.driver import Axis
-from drivers.l4118.objects import State
+from drivers.l4118.objects import PowerState
 
-__all__ = ["Axis", "AxisConfig", "AxisFindings", "AxisHealth", "AxisIdentity", "AxisStatus", "HomingConfig", "State"]
+__all__ = [
+    "Axis",
+    "AxisConfig",
+    "AxisFindings",
+    "AxisHealth",
+    "AxisIdentity",
+    "AxisStatus",
+    "HomingConfig",
+    "PowerState",
+]

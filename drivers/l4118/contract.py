@@ -16,7 +16,7 @@ from drivers.l4118.objects import (
     SW_TARGET_REACHED,
     SW_VOLTAGE,
     VENDOR_NANOTEC,
-    State,
+    PowerState,
     decode_state,
 )
 
@@ -97,7 +97,7 @@ class AxisStatus:
     inputs: int
 
     @property
-    def state(self) -> State | None:
+    def state(self) -> PowerState | None:
         """Give the state of the power machine."""
         return decode_state(self.statusword)
 
@@ -191,4 +191,6 @@ class AxisFindings:
     def fit(self) -> bool:
         """Whether nothing speaks against work: no error, no fault, not on a limit switch."""
         on_limit = self.homed and (self.status.negative_limit or self.status.positive_limit)
-        return not (self.error_code or on_limit or self.status.state in (None, State.FAULT, State.FAULT_REACTION))
+        return not (
+            self.error_code or on_limit or self.status.state in (None, PowerState.FAULT, PowerState.FAULT_REACTION)
+        )

@@ -29,7 +29,7 @@ from drivers.l4118 import objects as od
 from drivers.l4118.access import DriveAccess
 from drivers.l4118.arrival import ArrivalWatch
 from drivers.l4118.contract import AxisConfig, AxisFindings, AxisHealth, AxisIdentity, AxisStatus
-from drivers.l4118.objects import Control, Mode, State
+from drivers.l4118.objects import Control, Mode, PowerState
 from drivers.l4118.startup import prepare
 from drivers.l4118.units import SpeedUnit
 from drivers.shielded import finish
@@ -230,10 +230,10 @@ class Axis:
         self._stopped, self._watch = True, None
         deadline = Deadline.after(STOP_S)
         status = await self.status(deadline)
-        if status.state is not State.OPERATION_ENABLED:
+        if status.state is not PowerState.OPERATION_ENABLED:
             return
         status = await self._command(Control.HALT, deadline)
-        while status.state is State.OPERATION_ENABLED and not status.target_reached:
+        while status.state is PowerState.OPERATION_ENABLED and not status.target_reached:
             if deadline.expired:
                 break  # switching off below stops it too, only harder
             await asyncio.sleep(self.config.poll_s)
@@ -269,12 +269,12 @@ class Axis:
     async def reset_fault(self, deadline: Deadline) -> None:
         """Clear a fault by the rising edge of bit 7; raise DriveFault when the cause is still there."""
         status = await self.status(deadline)
-        if status.state not in (State.FAULT, State.FAULT_REACTION):
+        if status.state not in (PowerState.FAULT, PowerState.FAULT_REACTION):
             return
         limit = deadline.within(self.config.state_timeout_s)
         await self._command(Control.DISABLE_VOLTAGE, deadline)
         await self._command(Control.FAULT_RESET, deadline)
-        while (status := await self.status(deadline)).state in (State.FAULT, State.FAULT_REACTION):
+        while (status := await self.status(deadline)).state in (PowerState.FAULT, PowerState.FAULT_REACTION):
             if limit.expired:
                 raise await self._fault(deadline)
             await asyncio.sleep(self.config.poll_s)
@@ -286,32 +286,32 @@ class Axis:
         if self._speed is None:
             raise MotionError("start() has not run", device=self.config.name, advice="Call start first.")
         status = await self.status(deadline)
-        if status.state in (State.FAULT, State.FAULT_REACTION):
+        if status.state in (PowerState.FAULT, PowerState.FAULT_REACTION):
             raise await self._fault(deadline)
-        if status.state is State.OPERATION_ENABLED and status.mode == mode:
+        if status.state is PowerState.OPERATION_ENABLED and status.mode == mode:
             return
-        await self._step(Control.DISABLE_VOLTAGE, State.SWITCH_ON_DISABLED, deadline)
+        await self._step(Control.DISABLE_VOLTAGE, PowerState.SWITCH_ON_DISABLED, deadline)
         await self._drive.write(od.MODE, mode, deadline)
         # A start from standstill: the old target must not be the first thing the drive sees
         self._drive.target_increments = self.config.to_increments(status.position_units)
-        await self._step(Control.SHUTDOWN, State.READY, deadline)
-        await self._step(Control.SWITCH_ON, State.SWITCHED_ON, deadline)
-        await self._step(Control.ENABLE, State.OPERATION_ENABLED, deadline)
+        await self._step(Control.SHUTDOWN, PowerState.READY, deadline)
+        await self._step(Control.SWITCH_ON, PowerState.SWITCHED_ON, deadline)
+        await self._step(Control.ENABLE, PowerState.OPERATION_ENABLED, deadline)
         status = await self.status(deadline)
         await self._until(lambda s: s.mode == mode, status, f"6061h does not show mode {mode.value}", deadline)
 
-    async def _step(self, control: Control, wanted: State, deadline: Deadline) -> None:
+    async def _step(self, control: Control, wanted: PowerState, deadline: Deadline) -> None:
         limit = deadline.within(self.config.state_timeout_s)
         status = await self._command(control, deadline)
         while status.state is not wanted:
-            if status.state is State.FAULT:
+            if status.state is PowerState.FAULT:
                 raise await self._fault(deadline)
             if limit.expired:
                 raise self._no_step(control, wanted, status)
             await asyncio.sleep(self.config.poll_s)
             status = await self.status(deadline)
 
-    def _no_step(self, control: Control, wanted: State, status: AxisStatus) -> MotionError:
+    def _no_step(self, control: Control, wanted: PowerState, status: AxisStatus) -> MotionError:
         found = status.state.value if status.state else "unknown"
         text = f"control word {control:04X}h leads to '{found}', not '{wanted.value}' (status {status.statusword:04X}h)"
         if not status.voltage:
@@ -343,9 +343,9 @@ class Axis:
 
     async def _must_run(self, status: AxisStatus, deadline: Deadline) -> None:
         """Raise what happened when the drive is no longer in operation enabled."""
-        if status.state is State.OPERATION_ENABLED:
+        if status.state is PowerState.OPERATION_ENABLED:
             return
-        if status.state in (State.FAULT, State.FAULT_REACTION):
+        if status.state in (PowerState.FAULT, PowerState.FAULT_REACTION):
             raise await self._fault(deadline)
         if self._watch is not None and not await self.homed(deadline):
             raise NotHomed("the drive lost power while moving", device=self.config.name)

@@ -95,7 +95,7 @@ class Mode(IntEnum):
     HOMING = 6
 
 
-class State(Enum):
+class PowerState(Enum):
     """States of the CiA 402 power machine."""
 
     NOT_READY = "not ready to switch on"
@@ -110,20 +110,20 @@ class State(Enum):
 
 # Mask 4Fh for the states in which bit 5 (quick stop) says nothing, 6Fh for the others
 _BY_4F = {
-    0x00: State.NOT_READY,
-    0x40: State.SWITCH_ON_DISABLED,
-    0x0F: State.FAULT_REACTION,
-    0x08: State.FAULT,
+    0x00: PowerState.NOT_READY,
+    0x40: PowerState.SWITCH_ON_DISABLED,
+    0x0F: PowerState.FAULT_REACTION,
+    0x08: PowerState.FAULT,
 }
 _BY_6F = {
-    0x21: State.READY,
-    0x23: State.SWITCHED_ON,
-    0x27: State.OPERATION_ENABLED,
-    0x07: State.QUICK_STOP_ACTIVE,
+    0x21: PowerState.READY,
+    0x23: PowerState.SWITCHED_ON,
+    0x27: PowerState.OPERATION_ENABLED,
+    0x07: PowerState.QUICK_STOP_ACTIVE,
 }
 
 
-def decode_state(statusword: int) -> State | None:
+def decode_state(statusword: int) -> PowerState | None:
     """Give the state a status word shows, or None for a pattern that is none of the standard's."""
     return _BY_4F.get(statusword & 0x4F) or _BY_6F.get(statusword & 0x6F)
 

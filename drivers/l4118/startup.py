@@ -87,7 +87,7 @@ async def _find_addressing(drive: DriveAccess, deadline: Deadline) -> OdAddressi
 async def _bring_to_rest(drive: DriveAccess, deadline: Deadline) -> None:
     """Halt and switch off a drive that is running; by FC 43, as the image's layout is not known yet."""
     statusword = await drive.read(od.STATUSWORD, deadline)
-    if od.decode_state(statusword) is not od.State.OPERATION_ENABLED:
+    if od.decode_state(statusword) is not od.PowerState.OPERATION_ENABLED:
         return
     structlog.get_logger().warning("axis.found_running", device=drive.config.name)
     await drive.write(od.CONTROLWORD, od.Control.HALT, deadline)
@@ -98,7 +98,7 @@ async def _bring_to_rest(drive: DriveAccess, deadline: Deadline) -> None:
         await asyncio.sleep(drive.config.poll_s)
         statusword = await drive.read(od.STATUSWORD, deadline)
     await drive.write(od.CONTROLWORD, od.Control.SHUTDOWN, deadline)
-    while od.decode_state(statusword) is od.State.OPERATION_ENABLED:
+    while od.decode_state(statusword) is od.PowerState.OPERATION_ENABLED:
         if deadline.expired:
             raise MotionTimeout("found running and cannot be switched off", device=drive.config.name)
         await asyncio.sleep(drive.config.poll_s)

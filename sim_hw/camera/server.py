@@ -19,7 +19,7 @@ from sim_hw.board.board import Board
 from sim_hw.camera.controls import Controls
 from sim_hw.camera.queue import Captured, FrameQueue
 from sim_hw.scene.optics import HEIGHT_PX, WIDTH_PX
-from sim_hw.scene.scene import Faults, Plant, Scene, Shot, watch
+from sim_hw.scene.scene import Scene, SceneFaults, ScenePlant, Shot, watch
 from sim_hw.scene.sensor import Picture
 
 MODEL = "reprobe simulated camera"
@@ -37,7 +37,7 @@ class Clock(Protocol):
     def wall_delay(self, dt_s: float) -> float: ...  # noqa: D102
 
 
-class CountedFaults(Faults, Protocol):
+class CountedFaults(SceneFaults, Protocol):
     """Faults that may clear themselves after some uses."""
 
     def use(self, name: str) -> bool: ...  # noqa: D102
@@ -56,7 +56,7 @@ class CameraServer:
     """Serve one camera on `endpoint` until cancelled; `ready` is set once it is bound."""
 
     def __init__(
-        self, plant: Plant, board: Board, clock: Clock, endpoint: str, faults: CountedFaults, seed: int
+        self, plant: ScenePlant, board: Board, clock: Clock, endpoint: str, faults: CountedFaults, seed: int
     ) -> None:
         self.ready = asyncio.Event()
         self.scene = Scene(plant, board, faults, seed)

@@ -31,7 +31,7 @@ _WHITE_LAMP = (38.0, 0.75)
 _RED_LAMP = (-46.0, 0.70)
 
 
-class Plant(Protocol):
+class ScenePlant(Protocol):
     """What the picture needs of the plant."""
 
     @property
@@ -43,7 +43,7 @@ class Plant(Protocol):
     def state_at(self, t_s: float) -> Head: ...  # noqa: D102
 
 
-class Faults(Protocol):
+class SceneFaults(Protocol):
     """What is broken."""
 
     def on(self, name: str) -> bool: ...  # noqa: D102
@@ -65,7 +65,7 @@ class Shot:
     focus_px: float = 0.0
 
 
-def watch(plant: Plant, start_s: float, exposure_s: float) -> tuple[Head, ...]:
+def watch(plant: ScenePlant, start_s: float, exposure_s: float) -> tuple[Head, ...]:
     """Return what is true at times spread evenly over an exposure (simulated seconds)."""
     step_s = exposure_s / _LIGHT_SAMPLES
     return tuple(plant.state_at(start_s + (i + 0.5) * step_s) for i in range(_LIGHT_SAMPLES))
@@ -74,7 +74,7 @@ def watch(plant: Plant, start_s: float, exposure_s: float) -> tuple[Head, ...]:
 class Scene:
     """Draw frames of one board side under one camera. Not to be used by two threads at once."""
 
-    def __init__(self, plant: Plant, board: Board, faults: Faults, seed: int) -> None:
+    def __init__(self, plant: ScenePlant, board: Board, faults: SceneFaults, seed: int) -> None:
         self._plant = plant
         self._board = board
         self._faults = faults

@@ -19,7 +19,7 @@ import numpy as np
 
 from sim_hw.scene.optics import TIP_PX, make_optics
 from vision.geometry.frames import Array, rotation
-from vision.geometry.image_map import Correction, Sighting, sightings_px, sightings_um
+from vision.geometry.image_map import Correction, MapPoint, sightings_px, sightings_um
 from vision.geometry.polar_map import fit_polar_map
 from vision.geometry.pose_map import fit_pose_map
 from vision.geometry.similarity import fit_similarity
@@ -43,7 +43,7 @@ def pixel(from_tip_um: Array, theta_deg: float) -> Array:
     return np.asarray(OPTICS.project((*head, -HOVER_UM))[0])
 
 
-def walk(rng: np.random.Generator, theta_deg: float, noise: float) -> list[Sighting]:
+def walk(rng: np.random.Generator, theta_deg: float, noise: float) -> list[MapPoint]:
     """See one target from the places the map job visits; `noise` is a share of the usual."""
     head_um = np.array([3e4, 4e4]) - rotation(theta_deg) @ (15000.0, 0.0) + rng.normal(0.0, 100.0, 2)
     steps = [np.zeros(2), np.array([250.0, 0.0]), np.array([0.0, 250.0])]
@@ -55,11 +55,11 @@ def walk(rng: np.random.Generator, theta_deg: float, noise: float) -> list[Sight
         # Positions of the picture are counted from the tip's, so both are uncertain in each.
         x, y = pixel(-(step + stop), theta_deg) + rng.normal(0.0, noise * SEEN_PX * np.sqrt(2.0), 2)
         place = head_um + step
-        found.append(Sighting((float(x), float(y)), float(place[0]), float(place[1]), theta_deg))
+        found.append(MapPoint((float(x), float(y)), float(place[0]), float(place[1]), theta_deg))
     return found
 
 
-def linear(sightings: Sequence[Sighting], below_px: Array, *, scale_only: bool) -> Corrector:
+def linear(sightings: Sequence[MapPoint], below_px: Array, *, scale_only: bool) -> Corrector:
     """A plain affine, or one fixed factor and turn as the thesis' table 6.2 has it (328.06 per px, omega + pi / 2)."""
     px = sightings_px(sightings)
     head_um = (sightings_um(sightings).mean(axis=0) - sightings_um(sightings)) @ rotation(-sightings[0].theta_deg).T
@@ -82,7 +82,7 @@ def maps(rng: np.random.Generator, noise: float) -> dict[str, Corrector]:
     one, many = walk(rng, ANGLE_DEG, noise), [s for a in angles for s in walk(rng, a, noise)]
     below = BELOW_TRUE + rng.normal(0.0, noise * BELOW_SIGMA_PX, 2)
 
-    def asked(fit: Callable[..., object], sightings: Sequence[Sighting]) -> Corrector:
+    def asked(fit: Callable[..., object], sightings: Sequence[MapPoint]) -> Corrector:
         found = fit(
             sightings,
             tip_px=TIP_PX,

@@ -14,7 +14,7 @@ from typing import Any, Literal
 from daemon.client import Client
 from daemon.domain.board import Board
 from daemon.tools.cad_import import import_board
-from daemon.tools.demo.processes import Bench, Process, wait_for_daemon
+from daemon.tools.demo.processes import DemoBench, Process, wait_for_daemon
 from daemon.tools.demo.session import Session
 from daemon.tools.demo.settings import REPLY_MS, Places, write_settings
 
@@ -32,7 +32,7 @@ class Rig:
     places: Places
     board: Board
     sim: Process
-    bench: Bench
+    bench: DemoBench
     daemon: Process
 
     @property
@@ -106,7 +106,7 @@ def running_rig(
         ]  # fmt: skip
         sim = Process("simulated station", sim_arguments, out / "sim.log", ready_line=True)
         try:
-            bench = Bench(sim.ready()["bench"])
+            bench = DemoBench(sim.ready()["bench"])
             rig = Rig(places, board, sim, bench, sim)
             try:
                 rig.start_daemon()

@@ -16,7 +16,7 @@ from typer.testing import CliRunner, Result
 
 from daemon.cli.app import app
 from daemon.cli.watch import follow
-from daemon.cli.watch_view import View
+from daemon.cli.watch_view import WatchView
 from tests.station.rig import EVENTUALLY_S, Rig, running_rig
 
 pytestmark = pytest.mark.usefixtures("logging_as_before")
@@ -72,7 +72,7 @@ def test_a_scrape_shows_what_the_station_did_and_how_it_is(homed: tuple[Rig, int
 
 def test_the_view_follows_over_a_restart_and_shows_the_results(homed: tuple[Rig, int]) -> None:
     rig, _ = homed
-    view = View()
+    view = WatchView()
     give_up_s = time.monotonic() + 3 * EVENTUALLY_S
     restarted = False
 

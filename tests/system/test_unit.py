@@ -12,7 +12,7 @@ import zmq
 
 from daemon.client import Client
 from daemon.domain.board import Board
-from daemon.tools.demo.processes import Bench
+from daemon.tools.demo.processes import DemoBench
 from daemon.tools.demo.session import Session
 from tests.system.machine import Machine, booted, why_not
 
@@ -73,9 +73,9 @@ def client(running: Machine) -> Iterator[Client]:
 
 
 @pytest.fixture(scope="module")
-def bench(machine: Machine) -> Iterator[Bench]:
+def bench(machine: Machine) -> Iterator[DemoBench]:
     """What a person beside the simulated station would see."""
-    sees = Bench(f"ipc://{machine.path('/run/reprobe-sim/bench')}")
+    sees = DemoBench(f"ipc://{machine.path('/run/reprobe-sim/bench')}")
     yield sees
     sees.close()
 
@@ -146,7 +146,7 @@ def test_a_bad_configuration_is_refused_on_reload_and_a_good_one_taken(running: 
     assert running.main_pid() == pid
 
 
-def test_a_correction_is_done_under_all_restrictions(running: Machine, client: Client, bench: Bench) -> None:
+def test_a_correction_is_done_under_all_restrictions(running: Machine, client: Client, bench: DemoBench) -> None:
     board = Board.load(running.path("/etc/reprobe/board.json"))
     Session(client, bench, board, 1, lambda _text: None).set_up()
     assert client.job("place", test_point="TP4", theta_deg=10.0).ok
@@ -158,7 +158,7 @@ def test_a_correction_is_done_under_all_restrictions(running: Machine, client: C
 
 
 def test_sigterm_in_the_middle_of_a_move_stops_lifts_and_darkens(
-    running: Machine, client: Client, bench: Bench
+    running: Machine, client: Client, bench: DemoBench
 ) -> None:
     assert client.job("home").ok
     client.job("place", board_um=[0.0, 0.0])
@@ -175,7 +175,7 @@ def test_sigterm_in_the_middle_of_a_move_stops_lifts_and_darkens(
     running.until(lambda: max(bench.ask("truth")[lamp] for lamp in ("white", "red")) < 0.05, "the lamps glow on")
 
 
-def test_a_hung_daemon_is_started_anew_and_moves_nothing(running: Machine, client: Client, bench: Bench) -> None:
+def test_a_hung_daemon_is_started_anew_and_moves_nothing(running: Machine, client: Client, bench: DemoBench) -> None:
     before = bench.ask("truth")["axes"]
     hung, starts = running.main_pid(), int(running.show("NRestarts"))
     running.run("/bin/sh", "-c", f"kill -STOP {hung}")

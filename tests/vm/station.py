@@ -14,7 +14,7 @@ from pathlib import Path
 from daemon.client import Client
 from daemon.domain.board import Board
 from daemon.tools.cad_import import import_board
-from daemon.tools.demo.processes import Bench, Process
+from daemon.tools.demo.processes import DemoBench, Process
 from daemon.tools.demo.settings import Places, write_settings
 from tests.station.rig import DEMO_BOARD, FAST
 from tests.system.machine import build_wheel
@@ -68,7 +68,7 @@ class Station:
     """A machine that is laid out and wired, and what a person beside it sees; the daemon is not started yet."""
 
     vm: Vm
-    bench: Bench
+    bench: DemoBench
     board: Board
     endpoint: str
     key: Path
@@ -96,7 +96,7 @@ def station(work: Path) -> Iterator[Station]:
 
 
 @contextmanager
-def _simulated(work: Path, camera: str) -> Iterator[Bench]:
+def _simulated(work: Path, camera: str) -> Iterator[DemoBench]:
     with tempfile.TemporaryDirectory(prefix="reprobe-") as sockets, contextlib.ExitStack() as stack:
         arguments = [
             "sim_hw", "--board", str(DEMO_BOARD), "--line", str(work / "line"), "--camera", camera,
@@ -104,7 +104,7 @@ def _simulated(work: Path, camera: str) -> Iterator[Bench]:
         ]  # fmt: skip
         simulated = Process("simulated station", arguments, work / "sim.log", ready_line=True)
         stack.callback(simulated.end)
-        bench = Bench(simulated.ready()["bench"])
+        bench = DemoBench(simulated.ready()["bench"])
         stack.callback(bench.close)
         yield bench
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vision.annotate.page import Panel, fitting_zoom
+from vision.annotate.page import PagePanel, fitting_zoom
 from vision.annotate.sheet import ANSWER, FRAME, INK, USED, Sheet, brightened, crop
 from vision.control_point.find import ControlPoint
 from vision.core.image import Bgr, check_bgr
@@ -16,7 +16,7 @@ LEGEND = ((ANSWER, "centre"), (USED, "arms"), (FRAME, "where the centre may lie"
 
 def cross_panel(
     white_bgr: Bgr, found: ControlPoint | NotFound, around_px: tuple[float, float], reach_px: float, arm_px: float
-) -> Panel:
+) -> PagePanel:
     """Return the panel of a white frame that was searched for a control point."""
     half = int(reach_px + arm_px) + MARGIN_PX
     area = round(around_px[0]) - half, round(around_px[1]) - half, 2 * half + 1, 2 * half + 1
@@ -31,7 +31,7 @@ def cross_panel(
         _draw_arms(sheet, found, arm_px)
         facts = _facts(found)
     sheet.scale_bar()
-    return Panel(f"white light{how}", sheet.finish(), facts, LEGEND)
+    return PagePanel(f"white light{how}", sheet.finish(), facts, LEGEND)
 
 
 def verdict_on_cross(found: ControlPoint | NotFound) -> str:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from vision.annotate.cross import cross_panel, verdict_on_cross
 from vision.annotate.pads import pads_panel, unsearched_panel, verdict_on_pads
-from vision.annotate.page import Panel, page
+from vision.annotate.page import PagePanel, page
 from vision.annotate.sheet import crop
 from vision.annotate.tip import click_panel, tip_panel, verdict_on_tip
 from vision.control_point.find import ControlPoint
@@ -68,7 +68,7 @@ def draw_look(
 
     searched: None when the red frame was not searched, for want of a tip. taught: the needle that was looked for.
     """
-    panels: list[Panel] = [tip_panel(white_bgr, tip, taught=taught)]
+    panels: list[PagePanel] = [tip_panel(white_bgr, tip, taught=taught)]
     if searched is None:
         panels.append(unsearched_panel(red_bgr, None if taught is None else taught.tip_px, None))
         return page(verdict_on_tip(tip), panels, good=False)

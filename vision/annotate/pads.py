@@ -7,7 +7,7 @@ from collections import Counter
 import cv2
 import numpy as np
 
-from vision.annotate.page import Panel, fitting_zoom
+from vision.annotate.page import PagePanel, fitting_zoom
 from vision.annotate.sheet import ANSWER, FRAME, INK, THROWN, UNDECIDED, USED, Colour, Sheet, brightened, crop
 from vision.core.circle_fit import CircleFit
 from vision.core.image import Bgr, check_bgr, red_signal
@@ -32,7 +32,7 @@ LEGEND = (
 
 def pads_panel(
     red_bgr: Bgr, seen: Seen, around_px: tuple[float, float], needle: Tip | None, zoom: float | None
-) -> Panel:
+) -> PagePanel:
     """Return the panel of a red frame that was searched round `around_px`, with the needle known or not."""
     x, y, width, height = seen.window_px
     sheet, title = _sheet(red_bgr, (x - MARGIN_PX, y - MARGIN_PX, width + 2 * MARGIN_PX, height + 2 * MARGIN_PX), zoom)
@@ -43,17 +43,17 @@ def pads_panel(
         sheet.outline(needle_outline(end, needle.angle_rad, needle.shape, NEEDLE_MARGIN_PX), FRAME)
     _draw_all(sheet, seen, around_px, "tip" if needle is not None else "looked round here")
     sheet.scale_bar()
-    return Panel(title, sheet.finish(), _facts(seen, around_px), LEGEND)
+    return PagePanel(title, sheet.finish(), _facts(seen, around_px), LEGEND)
 
 
-def unsearched_panel(red_bgr: Bgr, near_px: tuple[float, float] | None, zoom: float | None) -> Panel:
+def unsearched_panel(red_bgr: Bgr, near_px: tuple[float, float] | None, zoom: float | None) -> PagePanel:
     """Return the panel of a red frame that was not searched, since it is not known where to look."""
     image = check_bgr(red_bgr)
     at = near_px or (image.shape[1] / 2.0, image.shape[0] / 2.0)
     half = UNSEARCHED_PX // 2
     sheet, title = _sheet(image, (int(at[0]) - half, int(at[1]) - half, UNSEARCHED_PX, UNSEARCHED_PX), zoom)
     sheet.scale_bar()
-    return Panel(title, sheet.finish(), ("not searched: there is no tip to look round",), ())
+    return PagePanel(title, sheet.finish(), ("not searched: there is no tip to look round",), ())
 
 
 def verdict_on_pads(seen: Seen, around_px: tuple[float, float]) -> str:

@@ -23,7 +23,7 @@ BAD: Colour = (48, 44, 132)
 
 
 @dataclass(frozen=True, slots=True)
-class Panel:
+class PagePanel:
     """Hold one finished picture with its title, its numbers, and what its colours mean."""
 
     title: str
@@ -38,7 +38,7 @@ def fitting_zoom(size_px: tuple[int, int]) -> float:
     return float(min(int(zoom), 8)) if zoom >= 2.0 else zoom
 
 
-def page(verdict: str, panels: Sequence[Panel], *, good: bool) -> Bgr:
+def page(verdict: str, panels: Sequence[PagePanel], *, good: bool) -> Bgr:
     """Return the page as (H, W, 3) uint8 BGR."""
     width = max(sum(panel.pixels.shape[1] + MARGIN for panel in panels) + MARGIN, SMALLEST_PAGE)
     head = _lines(verdict, width - 2 * MARGIN, TITLE_SCALE, TITLE_FONT)
@@ -64,7 +64,7 @@ def page(verdict: str, panels: Sequence[Panel], *, good: bool) -> Bgr:
     return paper
 
 
-def _facts(panel: Panel) -> list[str]:
+def _facts(panel: PagePanel) -> list[str]:
     room = max(panel.pixels.shape[1], SMALLEST_PAGE - 2 * MARGIN)
     return [row for fact in panel.facts for row in _lines(fact, room, TEXT_SCALE, FONT)]
 
@@ -81,7 +81,7 @@ def _lines(text: str, room: int, scale: float, font: int) -> list[str]:
     return rows
 
 
-def _key_rows(panels: Sequence[Panel], room: int) -> list[list[tuple[Colour, str]]]:
+def _key_rows(panels: Sequence[PagePanel], room: int) -> list[list[tuple[Colour, str]]]:
     """Return the legend, each colour with all it means, broken into rows that fit."""
     meanings: dict[Colour, list[str]] = {}
     for panel in panels:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vision.annotate.page import Panel, fitting_zoom
+from vision.annotate.page import PagePanel, fitting_zoom
 from vision.annotate.sheet import ANSWER, FRAME, INK, THROWN, USED, Sheet, brightened, crop
 from vision.core.image import Bgr, check_bgr
 from vision.core.not_found import NotFound
@@ -24,7 +24,7 @@ def tip_panel(
     near_px: tuple[float, float] | None = None,
     zoom: float | None = None,
     taught: ProbeModel | None = None,
-) -> Panel:
+) -> PagePanel:
     """Return the panel of a white frame; near_px, taught: where the tip was expected, for when there is none."""
     image = check_bgr(white_bgr)
     if taught is not None:
@@ -39,17 +39,17 @@ def tip_panel(
         if near_px is not None:
             _mark(sheet, near_px, "tip expected here")
         legend = ((FRAME, "needle as it was taught"),) if taught is not None else ()
-        return Panel(title, sheet.finish(), (f"no tip: {tip.reason}",), legend)
+        return PagePanel(title, sheet.finish(), (f"no tip: {tip.reason}",), legend)
     sheet.inset(_close_up(sheet, tip), f"the end, {CLOSE_ZOOM} times")
     _draw_needle(sheet, tip)
-    return Panel(title, sheet.finish(), _facts(tip), LEGEND)
+    return PagePanel(title, sheet.finish(), _facts(tip), LEGEND)
 
 
-def click_panel(white_bgr: Bgr, click_px: tuple[float, float]) -> Panel:
+def click_panel(white_bgr: Bgr, click_px: tuple[float, float]) -> PagePanel:
     """Return the panel of a white frame in which somebody said where the tip is."""
     sheet, title = _sheet(check_bgr(white_bgr), click_px, None)
     _mark(sheet, click_px, "said to be the tip")
-    return Panel(title, sheet.finish(), (), ())
+    return PagePanel(title, sheet.finish(), (), ())
 
 
 def _sheet(image: Bgr, tip_px: tuple[float, float], zoom: float | None) -> tuple[Sheet, str]:

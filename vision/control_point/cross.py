@@ -7,9 +7,9 @@ from itertools import product
 
 import numpy as np
 
-from vision.control_point.print import EXPECTED, Fitted, Flags, Line, Point, Sides, why_no_print
+from vision.control_point.print import EXPECTED, Fitted, Flags, Point, PrintedLine, Sides, why_no_print
 from vision.control_point.proposals import ARM_ANGLE_DEG, Crossing
-from vision.control_point.strip import Rough, measure_strip, rough_arms
+from vision.control_point.strip import RoughArm, measure_strip, rough_arms
 from vision.core.caliper import Floats, robust_fit
 from vision.core.image import Plane
 
@@ -76,17 +76,17 @@ def measure_crosses(raw: Plane, crossing: Crossing, arm_px: float) -> list[Cross
     return found or fact
 
 
-def _lines_of(at: Point, angle: float, ahead: Rough | None, behind: Rough | None) -> list[Line]:
+def _lines_of(at: Point, angle: float, ahead: RoughArm | None, behind: RoughArm | None) -> list[PrintedLine]:
     """Return the line of both arms together where they agree, and that of each by itself."""
     lines = []
     if behind is not None:
         # Seen from the other end, right is left: offsets change their sign and slants do not.
-        behind = Rough(-behind.offset_px, behind.slant, behind.width_px)
+        behind = RoughArm(-behind.offset_px, behind.slant, behind.width_px)
     if ahead is not None and behind is not None:
         miss, turn = ahead.offset_px - behind.offset_px, ahead.slant - behind.slant
         if abs(miss) < LARGEST_MISS_PX and abs(turn) < LARGEST_TURN:
             offset, slant = (ahead.offset_px + behind.offset_px) / 2.0, (ahead.slant + behind.slant) / 2.0
-            both = Rough(offset, slant, (ahead.width_px + behind.width_px) / 2.0)
+            both = RoughArm(offset, slant, (ahead.width_px + behind.width_px) / 2.0)
             lines.append(_placed(at, angle, both, (True, True), whole=True))
     whole = not lines
     if ahead is not None:
@@ -96,18 +96,18 @@ def _lines_of(at: Point, angle: float, ahead: Rough | None, behind: Rough | None
     return lines
 
 
-def _placed(at: Point, angle: float, rough: Rough, sides: Sides, *, whole: bool) -> Line:
+def _placed(at: Point, angle: float, rough: RoughArm, sides: Sides, *, whole: bool) -> PrintedLine:
     foot = at[0] - rough.offset_px * np.sin(angle), at[1] + rough.offset_px * np.cos(angle)
-    return Line(foot, float(angle + np.arctan(rough.slant)), rough.width_px, sides, whole)
+    return PrintedLine(foot, float(angle + np.arctan(rough.slant)), rough.width_px, sides, whole)
 
 
-def _meet(first: Line, second: Line) -> Point:
+def _meet(first: PrintedLine, second: PrintedLine) -> Point:
     normals = np.array([[-np.sin(line.angle), np.cos(line.angle)] for line in (first, second)])
     x, y = np.linalg.solve(normals, np.sum(normals * np.array([first.foot, second.foot]), axis=1))
     return float(x), float(y)
 
 
-def _settle(raw: Plane, lines: tuple[Line, Line], arm_px: float) -> Cross | str:
+def _settle(raw: Plane, lines: tuple[PrintedLine, PrintedLine], arm_px: float) -> Cross | str:
     """Measure both lines from a better centre each round; a fact where they are no print's."""
     at = start = _meet(*lines)
     fitted: tuple[Fitted, Fitted] | None = None
@@ -129,13 +129,13 @@ def _settle(raw: Plane, lines: tuple[Line, Line], arm_px: float) -> Cross | str:
     return _judged(raw, at, lines, fitted, arm_px)
 
 
-def _better(at: Point, line: Line, found: Fitted) -> Line:
+def _better(at: Point, line: PrintedLine, found: Fitted) -> PrintedLine:
     offset, slant = (float(number) for number in found.fit.parameters)
     foot = at[0] - offset * np.sin(line.angle), at[1] + offset * np.cos(line.angle)
     return replace(line, foot=foot, angle=line.angle + float(np.arctan(slant)), width=found.strip.width_px)
 
 
-def _fit(raw: Plane, at: Point, line: Line, arm_px: float) -> Fitted | None:
+def _fit(raw: Plane, at: Point, line: PrintedLine, arm_px: float) -> Fitted | None:
     """Fit the middle line of the arms of one line: offset at `at`, and slant."""
     away = np.arange(max(NEAREST * arm_px, line.width / 2.0 + 1.0), FARTHEST * arm_px, 1.0)
     along = np.concatenate([-away[::-1] if line.sides[1] else away[:0], away if line.sides[0] else away[:0]])
@@ -168,7 +168,7 @@ def _unbroken(along: Floats, good: Flags, longest_gap: float) -> Flags:
 
 
 def _judged(
-    raw: Plane, at: Point, lines: tuple[Line, Line], fitted: tuple[Fitted, Fitted], arm_px: float
+    raw: Plane, at: Point, lines: tuple[PrintedLine, PrintedLine], fitted: tuple[Fitted, Fitted], arm_px: float
 ) -> Cross | str:
     fact = why_no_print(raw, at, lines, fitted, arm_px)
     if fact:

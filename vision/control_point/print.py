@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision.control_point.proposals import LEAST_DEPTH
-from vision.control_point.strip import Strip, axis_levels
+from vision.control_point.strip import ArmStrip, axis_levels
 from vision.core.caliper import Fit, Floats, robust_fit, spread
 from vision.core.image import Plane
 
@@ -40,7 +40,7 @@ MOST_BROKEN = 0.15
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class PrintedLine:
     """Hold a line through the centre: a point on it, direction (rad), width of its arms, which of the two are measured.
 
     whole: nothing that was seen of the line is left out.
@@ -57,17 +57,19 @@ class Line:
 class Fitted:
     """Hold a line's stations, the fit of their middle (offset, slant), and which stations it stands on."""
 
-    strip: Strip
+    strip: ArmStrip
     fit: Fit
     used: Flags
 
 
-def why_no_print(raw: Plane, at: Point, lines: tuple[Line, Line], fitted: tuple[Fitted, Fitted], arm_px: float) -> str:
+def why_no_print(
+    raw: Plane, at: Point, lines: tuple[PrintedLine, PrintedLine], fitted: tuple[Fitted, Fitted], arm_px: float
+) -> str:
     """Say what shows that two lines through `at` are no control point's; empty where nothing does."""
     return _not_printed(lines, fitted) or _bare(raw, at, lines, fitted, arm_px)
 
 
-def _not_printed(lines: tuple[Line, Line], fitted: tuple[Fitted, Fitted]) -> str:
+def _not_printed(lines: tuple[PrintedLine, PrintedLine], fitted: tuple[Fitted, Fitted]) -> str:
     """Say what of the measured arms no print has; empty where they look printed."""
     widths = [line.width for line in lines]
     steps = [one.strip.step for one in fitted]
@@ -88,14 +90,16 @@ def _not_printed(lines: tuple[Line, Line], fitted: tuple[Fitted, Fitted]) -> str
     return ""
 
 
-def _taper(strip: Strip, mine: Flags) -> float:
+def _taper(strip: ArmStrip, mine: Flags) -> float:
     """Return how much the strip widens from the centre outwards, px per px."""
     away = np.abs(strip.along[mine])
     fit = robust_fit(np.stack([np.ones_like(away), away], axis=1), strip.width[mine], ceiling=0.7, rounds=4)
     return float(fit.parameters[1])
 
 
-def _bare(raw: Plane, at: Point, lines: tuple[Line, Line], fitted: tuple[Fitted, Fitted], arm_px: float) -> str:
+def _bare(
+    raw: Plane, at: Point, lines: tuple[PrintedLine, PrintedLine], fitted: tuple[Fitted, Fitted], arm_px: float
+) -> str:
     """Say which arm is missing, or broken, where nothing hides it; empty where none is."""
     paper, noise = _paper(lines, fitted)
     step = min(one.strip.step for one in fitted)
@@ -121,7 +125,7 @@ def _bare(raw: Plane, at: Point, lines: tuple[Line, Line], fitted: tuple[Fitted,
     return ""
 
 
-def _paper(lines: tuple[Line, Line], fitted: tuple[Fitted, Fitted]) -> tuple[Floats, float]:
+def _paper(lines: tuple[PrintedLine, PrintedLine], fitted: tuple[Fitted, Fitted]) -> tuple[Floats, float]:
     """Return the paper's level as a plane (constant, along x, along y; from the centre), and the scatter about it."""
     places, levels = [], []
     for line, one in zip(lines, fitted, strict=True):

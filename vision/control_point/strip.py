@@ -31,7 +31,7 @@ LEAST_STATIONS = 10
 
 
 @dataclass(frozen=True, slots=True)
-class Strip:
+class ArmStrip:
     """Hold a strip's stations, each array (N,): along, middle and width (px), levels, and which stations are good.
 
     axis: level on the middle line. paper: level beside the strip, the darker of its two sides. step: typical rise from
@@ -49,7 +49,7 @@ class Strip:
 
 
 @dataclass(frozen=True, slots=True)
-class Rough:
+class RoughArm:
     """Hold a first idea of an arm: offset (px) at its foot, slant against the direction given, width (px)."""
 
     offset_px: float
@@ -70,7 +70,7 @@ def axis_levels(raw: Plane, at: tuple[float, float], angle: float, along: Floats
     return np.asarray(_rows(raw, at, angle, along, np.array([-1.0, 0.0, 1.0])).mean(axis=1), dtype=np.float64)
 
 
-def rough_arms(raw: Plane, at: tuple[float, float], angles: tuple[float, ...], arm_px: float) -> list[Rough | None]:
+def rough_arms(raw: Plane, at: tuple[float, float], angles: tuple[float, ...], arm_px: float) -> list[RoughArm | None]:
     """Find arms that run from about `at` along each of `angles` (rad), roughly; None where none does.
 
     All are looked for at once, which is what makes it fast.
@@ -84,7 +84,7 @@ def rough_arms(raw: Plane, at: tuple[float, float], angles: tuple[float, ...], a
     return [_rough(along, places[part] - reach, widths[part], strength[part]) for part in parts]
 
 
-def _rough(along: Floats, places: Floats, widths: Floats, strength: Floats) -> Rough | None:
+def _rough(along: Floats, places: Floats, widths: Floats, strength: Floats) -> RoughArm | None:
     good = (widths > NARROWEST_ARM_PX) & (strength > max(0.3 * middle(strength, 0.8), 2.0))
     least = max(0.3 * along.size, 6.0)
     if np.count_nonzero(good) < least:
@@ -97,7 +97,7 @@ def _rough(along: Floats, places: Floats, widths: Floats, strength: Floats) -> R
     fit = robust_fit(design, places[good], ceiling=0.5, rounds=4)
     if np.count_nonzero(fit.weights > 0.3) < least:
         return None
-    return Rough(float(fit.parameters[0]), float(fit.parameters[1]), typical)
+    return RoughArm(float(fit.parameters[0]), float(fit.parameters[1]), typical)
 
 
 def _strongest_pairs(slope: Plane) -> tuple[Floats, Floats, Floats]:
@@ -121,7 +121,7 @@ def _strongest_pairs(slope: Plane) -> tuple[Floats, Floats, Floats]:
     return (first + second) / 2.0, second - first, best
 
 
-def measure_strip(raw: Plane, at: tuple[float, float], angle: float, width_px: float, along: Floats) -> Strip | None:
+def measure_strip(raw: Plane, at: tuple[float, float], angle: float, width_px: float, along: Floats) -> ArmStrip | None:
     """Measure the strip of about `width_px` whose middle runs through `at` along `angle`; None where there is none."""
     height, width = raw.shape
     x, y = at[0] + along * np.cos(angle), at[1] + along * np.sin(angle)
@@ -153,7 +153,7 @@ def measure_strip(raw: Plane, at: tuple[float, float], angle: float, width_px: f
     good &= np.abs(widths - typical) < min(slack, 1.5)
     if np.count_nonzero(good) < LEAST_STATIONS:
         return None
-    return Strip(along, (left + right) / 2.0 - reach, widths, axis, paper, good, typical, step)
+    return ArmStrip(along, (left + right) / 2.0 - reach, widths, axis, paper, good, typical, step)
 
 
 def _edge(rows: Plane, about: float) -> tuple[Floats, Floats]:

@@ -17,7 +17,7 @@ from vision.geometry.frames import Array
 
 
 @dataclass(frozen=True)
-class Match:
+class ConstellationMatch:
     """The pad that is meant: index into `seen_um`, the placement error it implies, and how many pads agree."""
 
     index: int
@@ -62,7 +62,7 @@ def match_target(
     reach_um: float,
     doubtful_um: ArrayLike = (),
     hidden: Callable[[Array], Sequence[bool]] = lambda places: [False] * len(places),
-) -> Match | NoMatch:
+) -> ConstellationMatch | NoMatch:
     """Choose the seen pad that is CAD's target.
 
     `seen_um` (N, 2): pads seen, from the place below the tip. `cad_um` (M, 2): where CAD and the head's position put
@@ -92,7 +92,7 @@ def match_target(
         return NoMatch("ambiguous", tuple(h.seen for h in ties))
     if not certain[best.seen]:
         return NoMatch("undecided", (best.seen,))
-    return Match(best.seen, (float(best.shift[0]), float(best.shift[1])), best.agreeing)
+    return ConstellationMatch(best.seen, (float(best.shift[0]), float(best.shift[1])), best.agreeing)
 
 
 def match_near(

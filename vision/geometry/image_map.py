@@ -20,7 +20,7 @@ SAME_ANGLE_DEG = 0.02
 
 
 @dataclass(frozen=True)
-class Sighting:
+class MapPoint:
     """One resting target seen from one head position: pixels and the robot's own coordinates."""
 
     target_px: tuple[float, float]
@@ -80,12 +80,12 @@ class ImageMap(Protocol):
         """Return the way that brings the tip onto the target."""
 
 
-def sightings_px(sightings: Sequence[Sighting]) -> Array:
+def sightings_px(sightings: Sequence[MapPoint]) -> Array:
     """Return the pixels of sightings, (N, 2)."""
     return np.array([s.target_px for s in sightings], dtype=float).reshape(-1, 2)
 
 
-def sightings_um(sightings: Sequence[Sighting]) -> Array:
+def sightings_um(sightings: Sequence[MapPoint]) -> Array:
     """Return the head's places of sightings, (N, 2), robot frame."""
     return np.array([(s.x_um, s.y_um) for s in sightings], dtype=float).reshape(-1, 2)
 

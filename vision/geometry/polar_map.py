@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vision.geometry.frames import Array, rotation
 from vision.geometry.homography import fit_homography
-from vision.geometry.image_map import Correction, Sighting, angle_groups, sightings_px, sightings_um
+from vision.geometry.image_map import Correction, MapPoint, angle_groups, sightings_px, sightings_um
 
 COLUMNS = 24
 LEAST_AT_AN_ANGLE = 8
@@ -133,7 +133,7 @@ class _Angle:
 
 
 def fit_polar_map(
-    sightings: Sequence[Sighting],
+    sightings: Sequence[MapPoint],
     *,
     tip_px: tuple[float, float],
     below_tip_px: tuple[float, float],

@@ -24,9 +24,9 @@ from numpy.typing import ArrayLike
 
 from vision.geometry.frames import Array, rotation
 from vision.geometry.homography import HomographyFit, apply_homography, fit_homography, jacobian, parameter_jacobian
-from vision.geometry.image_map import Correction, Sighting, angle_groups, sightings_px, sightings_um
+from vision.geometry.image_map import Correction, MapPoint, angle_groups, sightings_px, sightings_um
 
-__all__ = ["FORMAT", "Correction", "PoseMap", "Sighting", "fit_pose_map", "worst_shrink"]
+__all__ = ["FORMAT", "Correction", "MapPoint", "PoseMap", "fit_pose_map", "worst_shrink"]
 
 FORMAT = "reprobe-posemap-2"
 NUMBERS = ("below_sigma_px", "hover_um", "radius_um", "residual_um", "work_z_um")
@@ -188,7 +188,7 @@ class PoseMap:
 
 
 def fit_pose_map(
-    sightings: Sequence[Sighting],
+    sightings: Sequence[MapPoint],
     *,
     tip_px: tuple[float, float],
     below_tip_px: tuple[float, float],
@@ -214,7 +214,7 @@ def fit_pose_map(
     )
 
 
-def _fit(sightings: Sequence[Sighting]) -> HomographyFit:
+def _fit(sightings: Sequence[MapPoint]) -> HomographyFit:
     px, place_um = sightings_px(sightings), sightings_um(sightings)
     theta_deg = np.array([s.theta_deg for s in sightings], dtype=float)
     if not (np.isfinite(px).all() and np.isfinite(place_um).all() and np.isfinite(theta_deg).all()):
@@ -225,7 +225,7 @@ def _fit(sightings: Sequence[Sighting]) -> HomographyFit:
 
 
 def worst_shrink(
-    sightings: Sequence[Sighting],
+    sightings: Sequence[MapPoint],
     *,
     tip_px: tuple[float, float],
     below_tip_px: tuple[float, float],
@@ -263,7 +263,7 @@ def worst_shrink(
     return max(shares)
 
 
-def _landing_um(pose_map: PoseMap, sighting: Sighting, tip_px: tuple[float, float]) -> Array:
+def _landing_um(pose_map: PoseMap, sighting: MapPoint, tip_px: tuple[float, float]) -> Array:
     """Return where the head would be after the correction of a sighting."""
     way_um = pose_map.from_tip_um(sighting.target_px, tip_px, sighting.theta_deg)
     return np.add((sighting.x_um, sighting.y_um), way_um)

@@ -19,7 +19,7 @@ LEAST_POINTS = 3
 
 
 @dataclass(frozen=True)
-class CircleFit:
+class HeadCircleFit:
     """A circle through points: centre (x, y), radius, and the rms of the distances from it, um."""
 
     centre_um: tuple[float, float]
@@ -27,7 +27,7 @@ class CircleFit:
     rms_um: float
 
 
-def fit_circle(x_um: ArrayLike, y_um: ArrayLike) -> CircleFit:
+def fit_circle(x_um: ArrayLike, y_um: ArrayLike) -> HeadCircleFit:
     """Fit a circle to points (N,), (N,): geometric least squares, so that `rms_um` is of radial distances.
 
     Raises ValueError for fewer than three points, numbers that are not finite, or points on a line.
@@ -54,7 +54,7 @@ def fit_circle(x_um: ArrayLike, y_um: ArrayLike) -> CircleFit:
     fit = least_squares(off, first, method="lm", xtol=1e-14, ftol=1e-14)
     centre = middle + size * fit.x[:2]
     rms = size * float(np.sqrt((off(fit.x) ** 2).mean()))
-    return CircleFit((float(centre[0]), float(centre[1])), size * abs(float(fit.x[2])), rms)
+    return HeadCircleFit((float(centre[0]), float(centre[1])), size * abs(float(fit.x[2])), rms)
 
 
 def fit_rotation(theta_deg: Array, place: Complex, weight: Array | None = None) -> tuple[complex, complex]:

@@ -15,7 +15,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vision.head.circle import CircleFit, Complex, fit_circle, fit_rotation, planar
+from vision.head.circle import Complex, HeadCircleFit, fit_circle, fit_rotation, planar
 from vision.head.fourier import Series, choose_series, fit_series, rms
 from vision.head.model import Array, ArrayHead, CircleHead, FourierHead, Head, tip_offsets_um
 from vision.head.outliers import Flags, find_sound
@@ -23,7 +23,7 @@ from vision.head.record import check_record, largest_gap_deg
 from vision.head.total_error import TotalError, total_error_um
 
 __all__ = [
-    "CircleFit", "HeadFit", "OrderRow", "TotalError", "fit_circle", "fit_head", "head_positions_um", "order_table",
+    "HeadCircleFit", "HeadFit", "OrderRow", "TotalError", "fit_circle", "fit_head", "head_positions_um", "order_table",
     "total_error_um",
 ]  # fmt: skip
 
@@ -53,7 +53,7 @@ class HeadFit:
     kind: Kind
     order: int | None
     control_um: tuple[float, float]
-    circle: CircleFit
+    circle: HeadCircleFit
     residuals_um: Array
     used: Flags
     rms_um: float

@@ -18,7 +18,7 @@ from vision.core.caliper import Floats
 from vision.core.image import Plane
 from vision.tip.edges import EdgePoints
 from vision.tip.silhouette import Silhouette
-from vision.tip.strip import Strip, middle
+from vision.tip.strip import ProbeStrip, middle
 
 # How far inside the edge the metal's own slope is read, clear of the blurred step, and how much further once more: a
 # slope that grows inwards belongs to a highlight and says little of the edge.
@@ -39,7 +39,7 @@ STRONG_STEP = 0.35
 LEAST_TOLD = 0.35
 
 
-def corrected(strip: Strip, slope: Plane, points: EdgePoints, line: tuple[float, float]) -> EdgePoints:
+def corrected(strip: ProbeStrip, slope: Plane, points: EdgePoints, line: tuple[float, float]) -> EdgePoints:
     """Return the points with edges that darken inwards put where they would be before a dark ground.
 
     line: the axis (a, b) the points lie about. The metal's slope is that of both sides together: a highlight nearer to
@@ -71,7 +71,7 @@ def _growth(near: float, further: float) -> float:
 
 
 def without_blind(
-    strip: Strip, points: EdgePoints, outline: Silhouette, line: tuple[float, float], wider_px: tuple[float, float]
+    strip: ProbeStrip, points: EdgePoints, outline: Silhouette, line: tuple[float, float], wider_px: tuple[float, float]
 ) -> EdgePoints:
     """Return the points, and how many were looked for, without the rows whose ground is as bright as the metal.
 
@@ -98,7 +98,7 @@ def without_blind(
 
 
 def _blind(
-    strip: Strip, outline: Silhouette, line: tuple[float, float], edge_px: Floats, side: float
+    strip: ProbeStrip, outline: Silhouette, line: tuple[float, float], edge_px: Floats, side: float
 ) -> tuple[NDArray[np.bool_], float]:
     """Return at which of the outline's rows (N,) the ground is as bright as the cylinder's metal, and that level."""
     rows = np.rint(outline.u_px).astype(np.intp) - strip.u_from_px

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from vision.core.caliper import Floats
 from vision.core.not_found import NotFound, Reason
 from vision.tip.edges import EdgePoints
-from vision.tip.measure import Measured
+from vision.tip.measure import MeasuredTip
 from vision.tip.probe_model import ProbeModel
 from vision.tip.shade import shade_px
 from vision.tip.side_checks import check_sides
@@ -55,7 +55,7 @@ def check_direction(angle_rad: float, model: ProbeModel) -> NotFound | None:
     )
 
 
-def check_straight(needle: Measured, _: ProbeModel) -> NotFound | None:
+def check_straight(needle: MeasuredTip, _: ProbeModel) -> NotFound | None:
     """Return why the taper does not point where the cylinder does, or None."""
     turn, free = needle.turn, needle.free
     if turn.turned > turn.straight + TURNED_LEAD and abs(turn.turn_deg) >= LEAST_TURN_DEG:
@@ -79,7 +79,7 @@ def check_straight(needle: Measured, _: ProbeModel) -> NotFound | None:
     return None
 
 
-def first_problem(needle: Measured, model: ProbeModel) -> NotFound | None:
+def first_problem(needle: MeasuredTip, model: ProbeModel) -> NotFound | None:
     """Return the first thing that makes the measured needle another than the taught one, or None."""
     for check in (check_light, check_marking, check_straight, check_sides, check_shape):
         problem = check(needle, model)
@@ -88,14 +88,14 @@ def first_problem(needle: Measured, model: ProbeModel) -> NotFound | None:
     return None
 
 
-def check_light(needle: Measured, _: ProbeModel) -> NotFound | None:
+def check_light(needle: MeasuredTip, _: ProbeModel) -> NotFound | None:
     """Return why the needle's picture cannot be measured, or None."""
     if needle.contrast >= LEAST_MARKING_CONTRAST and needle.sharpness < LEAST_SHARPNESS:
         return blurred(needle.sharpness, LEAST_SHARPNESS)
     return None
 
 
-def check_marking(needle: Measured, model: ProbeModel) -> NotFound | None:
+def check_marking(needle: MeasuredTip, model: ProbeModel) -> NotFound | None:
     """Return why the marking is not the taught one, or None."""
     rim2 = needle.rim2
     if needle.contrast < LEAST_MARKING_CONTRAST:
@@ -110,13 +110,13 @@ def check_marking(needle: Measured, model: ProbeModel) -> NotFound | None:
     return None
 
 
-def _taper_support(needle: Measured) -> float:
+def _taper_support(needle: MeasuredTip) -> float:
     """Return the share (0..1) of the taper's calipers whose edge lies on the fit."""
     used = needle.points.on_taper & (needle.axis.weights > 0.3)
     return float(np.count_nonzero(used)) / max(needle.points.offered_on_taper, 1)
 
 
-def check_shape(needle: Measured, model: ProbeModel) -> NotFound | None:
+def check_shape(needle: MeasuredTip, model: ProbeModel) -> NotFound | None:
     """Return why the silhouette is not the taught one, or None."""
     axis = needle.axis
     if axis.support < LEAST_SUPPORT:
@@ -138,7 +138,7 @@ def check_shape(needle: Measured, model: ProbeModel) -> NotFound | None:
     return None
 
 
-def check_shade(needle: Measured, model: ProbeModel) -> NotFound | None:
+def check_shade(needle: MeasuredTip, model: ProbeModel) -> NotFound | None:
     """Return why the light on the dim side of a needle lit from one side ends elsewhere than taught, or None.
 
     The other edge alone gives the axis of such a needle, so this is all that tells of its width.
@@ -156,7 +156,7 @@ def check_shade(needle: Measured, model: ProbeModel) -> NotFound | None:
     return None
 
 
-def metal_beyond(needle: Measured, model: ProbeModel) -> float:
+def metal_beyond(needle: MeasuredTip, model: ProbeModel) -> float:
     """Return along how much (0..1) of the needle it is as bright outside as the metal is, on the worse side.
 
     A thicker needle whose highlight was taken for an edge does that all along its cylinder, and beside the thick half
@@ -189,7 +189,7 @@ def metal_beyond(needle: Measured, model: ProbeModel) -> float:
     return worst
 
 
-def _levels(needle: Measured, u_px: Floats, off_axis_px: Floats) -> Floats:
+def _levels(needle: MeasuredTip, u_px: Floats, off_axis_px: Floats) -> Floats:
     """Return the brightness of the strip at those of the rows `u_px` it holds, `off_axis_px` from the axis."""
     strip, axis = needle.strip, needle.axis
     rows = np.rint(u_px).astype(np.intp) - strip.u_from_px
@@ -199,7 +199,7 @@ def _levels(needle: Measured, u_px: Floats, off_axis_px: Floats) -> Floats:
     return np.asarray(strip.pixels[rows[keep], columns[keep]], dtype=np.float64)
 
 
-def _moved(needle: Measured, model: ProbeModel) -> tuple[float, float]:
+def _moved(needle: MeasuredTip, model: ProbeModel) -> tuple[float, float]:
     """Return how far the marking lies from where it was taught, by the taper's width, and how far it may, px.
 
     A bright ground or more blur makes taper and cylinder look wider or narrower alike: the cylinder tells by how much.

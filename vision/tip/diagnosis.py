@@ -12,10 +12,10 @@ from vision.core.caliper import Floats, derivative
 from vision.core.image import SATURATED_LEVEL, Gray, Plane
 from vision.core.not_found import NotFound, Reason
 from vision.tip.checks import TURN_LIMIT_DEG
-from vision.tip.measure import Sighting, sight
+from vision.tip.measure import TipSighting, sight
 from vision.tip.outline import EdgePairs
 from vision.tip.probe_model import ProbeModel
-from vision.tip.strip import Strip, quantiles, straighten
+from vision.tip.strip import ProbeStrip, quantiles, straighten
 from vision.tip.template_search import search
 from vision.tip.verdicts import blurred
 
@@ -36,7 +36,9 @@ MOSTLY = 0.8
 SCAN_TILTS, SCAN_SHIFTS_PX = np.tan(np.radians(np.arange(-3.0, 3.1, 1.0))), np.arange(-12.0, 12.1, 2.0)
 
 
-def name_it(plane: Gray, sighting: Sighting, model: ProbeModel, origin: tuple[int, int], problem: NotFound) -> NotFound:
+def name_it(
+    plane: Gray, sighting: TipSighting, model: ProbeModel, origin: tuple[int, int], problem: NotFound
+) -> NotFound:
     """Return the likeliest reason why `problem` arose, `problem` itself when nothing better is known."""
     strip = sighting.strip
     clipped = float(np.mean(strip.pixels >= SATURATED_LEVEL))
@@ -57,7 +59,7 @@ def name_it(plane: Gray, sighting: Sighting, model: ProbeModel, origin: tuple[in
     return problem
 
 
-def strip_sharpness(strip: Strip) -> float:
+def strip_sharpness(strip: ProbeStrip) -> float:
     """Return the steepest slopes across the strip over its range of levels, 1/px."""
     slope = np.abs(derivative(np.ascontiguousarray(strip.pixels[::2]), 1.0))
     low, high = quantiles(strip.pixels[::4, ::4], 0.02, 0.99)
@@ -65,7 +67,7 @@ def strip_sharpness(strip: Strip) -> float:
 
 
 def _turned(
-    image: Plane, plane: Gray, sighting: Sighting, model: ProbeModel, origin: tuple[int, int]
+    image: Plane, plane: Gray, sighting: TipSighting, model: ProbeModel, origin: tuple[int, int]
 ) -> NotFound | None:
     """Return `bent` when the taught needle shows clearly better in a direction out of the taught range."""
     seen = sight(image, search(plane, model, origin, WIDE_TURNS_DEG), model, origin)
@@ -77,7 +79,7 @@ def _turned(
     )
 
 
-def _other_width(image: Plane, sighting: Sighting, model: ProbeModel) -> NotFound | None:
+def _other_width(image: Plane, sighting: TipSighting, model: ProbeModel) -> NotFound | None:
     """Return `wrong_needle` when a bar of another width than the taught cylinder's shows clearly better."""
     taught, strip = model.shape.cylinder_half_px, sighting.strip
     halves = np.arange(0.4 * taught, 2.0 * taught, 0.5)
@@ -108,7 +110,7 @@ def _other_width(image: Plane, sighting: Sighting, model: ProbeModel) -> NotFoun
     )
 
 
-def _stands_alone(strip: Strip, u_px: Floats, line: tuple[float, float], half_px: float, widest_px: float) -> bool:
+def _stands_alone(strip: ProbeStrip, u_px: Floats, line: tuple[float, float], half_px: float, widest_px: float) -> bool:
     """Return whether a bar is brighter all across than what lies beside it, and that no brighter than further out.
 
     Two lines of lettering have a gap between them; a highlight has metal beside it, and before a bright ground the

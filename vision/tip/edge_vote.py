@@ -12,7 +12,7 @@ import numpy as np
 from vision.core.caliper import Floats
 from vision.core.image import Plane
 from vision.tip.silhouette import Silhouette
-from vision.tip.strip import Strip, edge_maps, middle
+from vision.tip.strip import ProbeStrip, edge_maps, middle
 
 SHIFTS_PX: Floats = np.arange(-12.0, 12.1)
 TILTS: Floats = np.tan(np.radians(np.arange(-2.5, 2.51, 0.5)))
@@ -33,7 +33,7 @@ class Vote:
     share: float
 
 
-def vote(strip: Strip, slope: Plane, outline: Silhouette, pivot_u_px: float) -> Vote:
+def vote(strip: ProbeStrip, slope: Plane, outline: Silhouette, pivot_u_px: float) -> Vote:
     """Return the line with the most votes within +-12 px, at u = `pivot_u_px`, and +-2.5 degrees of the strip's own.
 
     slope: d/dv of the strip, by ratio when the outline has a dim side, which then has no vote. Rows of the outline that
@@ -59,7 +59,7 @@ def vote(strip: Strip, slope: Plane, outline: Silhouette, pivot_u_px: float) -> 
     return Vote(float(SHIFTS_PX[row]) - tilt * pivot_u_px, tilt, float(shares[row, column]))
 
 
-def _least_slope(slope: Plane, strip: Strip, outline: Silhouette) -> float:
+def _least_slope(slope: Plane, strip: ProbeStrip, outline: Silhouette) -> float:
     """Return the slope from which an edge votes."""
     if not outline.dim_side:
         return strip.edge_level

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from vision.core.caliper import Floats, refine_peaks, spread, tukey
 from vision.core.image import Plane
 from vision.tip.silhouette import Silhouette
-from vision.tip.strip import Strip
+from vision.tip.strip import ProbeStrip
 
 ROUNDS = 8
 # A fit this share of the points agree with needs no other start; another start has to bring so
@@ -51,7 +51,7 @@ class EdgePoints:
 
 
 @dataclass(frozen=True, slots=True)
-class Axis:
+class ProbeAxis:
     """Hold the fitted bisector v = a + b u with covariance (2, 2), the change of half widths, the edge support.
 
     bend_px: how far, at the end, the taper lies from where the cylinder points, with its 1-sigma. taper_sigma_px: that
@@ -76,7 +76,7 @@ class Axis:
 
 
 def edge_points(
-    strip: Strip,
+    strip: ProbeStrip,
     slope: Plane,
     outline: Silhouette,
     axis: tuple[float, float],
@@ -126,7 +126,9 @@ def edge_points(
     )
 
 
-def fit_axis(points: EdgePoints, pivot_u_px: float, *, straight: bool = True, same_width: bool = True) -> Axis | None:
+def fit_axis(
+    points: EdgePoints, pivot_u_px: float, *, straight: bool = True, same_width: bool = True
+) -> ProbeAxis | None:
     """Fit the bisector, the change of both half widths and the taper's turn to all points; None when too few agree.
 
     pivot_u_px: where the taper turns. straight: believe that it hardly does; otherwise the turn is free. same_width:
@@ -190,10 +192,10 @@ def _robust(design: Floats, target: Floats, pull: Floats, weights: Floats) -> _F
     return _Fit(parameters, np.asarray(np.linalg.inv(normal) * scale**2), weights, scale)
 
 
-def _axis_of(fit: _Fit, points: EdgePoints) -> Axis:
+def _axis_of(fit: _Fit, points: EdgePoints) -> ProbeAxis:
     scaling = np.diag([1.0, 0.01])
     a, b, wider, taper, bend = (float(number) for number in fit.parameters)
-    return Axis(
+    return ProbeAxis(
         a,
         b / 100.0,
         np.asarray(scaling @ fit.covariance[:2, :2] @ scaling),

@@ -19,10 +19,10 @@ from vision.core.not_found import NotFound, Reason
 from vision.tip.checks import check_direction, first_problem
 from vision.tip.diagnosis import name_it
 from vision.tip.glint import without_glint
-from vision.tip.measure import Measured, coarse_shift, measure, sight
+from vision.tip.measure import MeasuredTip, coarse_shift, measure, sight
 from vision.tip.probe_model import ProbeModel
 from vision.tip.strip import NeedleShape
-from vision.tip.template_search import Match, region, search
+from vision.tip.template_search import TemplateMatch, region, search
 from vision.tip.verdicts import no_marking, wrong
 
 # A lit board or base plate is brighter than this; the needle may be missing, so it is not asked.
@@ -117,7 +117,7 @@ def _find(clean: Gray, model: ProbeModel, origin: tuple[int, int]) -> Tip | NotF
     return _conclude(needle, seen.match, model) if problem is None else named(problem)
 
 
-def _conclude(needle: Measured, match: Match, model: ProbeModel) -> Tip:
+def _conclude(needle: MeasuredTip, match: TemplateMatch, model: ProbeModel) -> Tip:
     """Place the end h px beyond the lower rim on the bisector and gather what was measured."""
     strip, axis, rim2, shape = needle.strip, needle.axis, needle.rim2, model.shape
     end_u = rim2.u_px + shape.end_to_rim_px / float(np.sqrt(1.0 + axis.b**2))
@@ -147,7 +147,7 @@ def _conclude(needle: Measured, match: Match, model: ProbeModel) -> Tip:
     )
 
 
-def _edge_line(needle: Measured, shape: NeedleShape, side: float) -> Line:
+def _edge_line(needle: MeasuredTip, shape: NeedleShape, side: float) -> Line:
     """Return the taper's edge on one side as a line in the image, through its point at u = 0."""
     strip, axis = needle.strip, needle.axis
     x, y = strip.to_image(0.0, axis.a_px + side * shape.end_half_px)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from vision.core.caliper import Floats
 from vision.tip.marking_rim import join_rim, rim_places
-from vision.tip.measure import RIM1_REACH_PX, Measured
+from vision.tip.measure import RIM1_REACH_PX, MeasuredTip
 from vision.tip.probe_model import ProbeModel
 from vision.tip.strip import middle
 
@@ -26,7 +26,7 @@ CLEAR_PX, BESIDE_PX = 6, 24
 FREE_SHARE = 0.25
 
 
-def without_glint(needle: Measured, model: ProbeModel) -> Measured | None:
+def without_glint(needle: MeasuredTip, model: ProbeModel) -> MeasuredTip | None:
     """Return the measured needle with rims and levels from the columns a glint may have spared; None if too few are."""
     form = model.rim_form_px
     reach = form.size // 2
@@ -46,7 +46,7 @@ def without_glint(needle: Measured, model: ProbeModel) -> Measured | None:
 
 
 def _spared_levels(
-    needle: Measured, columns: NDArray[np.intp], rim1_u_px: float, rim2_u_px: float
+    needle: MeasuredTip, columns: NDArray[np.intp], rim1_u_px: float, rim2_u_px: float
 ) -> tuple[float, float]:
     """Return the brightness of metal and marking of the column that stands for the better ones, levels.
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision.core.caliper import Floats, derivative, refine_peaks, spread, tukey
-from vision.tip.strip import Strip, middle, middle_profile
+from vision.tip.strip import ProbeStrip, middle, middle_profile
 
 RIM_SIGMA_PX = 1.5
 # The part of the half width a rim is measured over. Painted rims wander round the needle: the more of it is seen the
@@ -35,7 +35,12 @@ def rim_columns(cylinder_half_px: float) -> NDArray[np.intp]:
 
 
 def rim_places(
-    strip: Strip, axis: tuple[float, float], columns: NDArray[np.intp], around_u_px: Floats, reach_px: int, sign: float
+    strip: ProbeStrip,
+    axis: tuple[float, float],
+    columns: NDArray[np.intp],
+    around_u_px: Floats,
+    reach_px: int,
+    sign: float,
 ) -> tuple[Floats, Floats]:
     """Return (u of the rim, strength) per column: where brightness rises (sign +1) or falls (-1) fastest along u.
 
@@ -82,7 +87,9 @@ def _block_sigma(residual: Floats, weights: Floats) -> float:
     return float(np.sqrt(np.sum(np.square(sums)) * count / (count - 1)))
 
 
-def marking_levels(strip: Strip, axis: tuple[float, float], rim1_u_px: float, rim2_u_px: float) -> tuple[float, float]:
+def marking_levels(
+    strip: ProbeStrip, axis: tuple[float, float], rim1_u_px: float, rim2_u_px: float
+) -> tuple[float, float]:
     """Return the brightness of the metal on both sides of the marking, and of the marking itself, levels."""
     values = middle_profile(strip, axis, 6)
     at1, at2 = int(rim1_u_px) - strip.u_from_px, int(rim2_u_px) - strip.u_from_px

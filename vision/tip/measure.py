@@ -11,12 +11,12 @@ from vision.core.caliper import derivative
 from vision.core.image import Plane
 from vision.tip.background import corrected, without_blind
 from vision.tip.edge_vote import Vote, vote
-from vision.tip.edges import Axis, EdgePoints, edge_points, fit_axis
+from vision.tip.edges import EdgePoints, ProbeAxis, edge_points, fit_axis
 from vision.tip.marking_rim import Rim, join_rim, marking_levels, rim_places
 from vision.tip.orientation import Turn, taper_turn
 from vision.tip.probe_model import ProbeModel
-from vision.tip.strip import NeedleShape, Strip, across_slope, around, middle, middle_profile
-from vision.tip.template_search import Match
+from vision.tip.strip import NeedleShape, ProbeStrip, across_slope, around, middle, middle_profile
+from vision.tip.template_search import TemplateMatch
 
 # The rough strip's spare room on every side, px: for where the template may be wrong and for a taper that is turned.
 SPARE_PX = 16
@@ -33,11 +33,11 @@ ENOUGH_SUPPORT, CLEARLY_MORE = 0.7, 0.05
 
 
 @dataclass(frozen=True, slots=True)
-class Sighting:
+class TipSighting:
     """Hold the template's match, the rough strip there, its slope across, and the axis most edges vote for."""
 
-    match: Match
-    strip: Strip
+    match: TemplateMatch
+    strip: ProbeStrip
     slope: Plane
     vote: Vote
 
@@ -48,18 +48,18 @@ class Sighting:
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class MeasuredTip:
     """Hold the straightened needle and what was measured on it.
 
     axis: fitted as of a straight needle; free: the same with a taper that may turn; turn: where the taper's edges show;
     metal, dark: levels beside and in the marking.
     """
 
-    strip: Strip
+    strip: ProbeStrip
     slope: Plane
     points: EdgePoints
-    axis: Axis
-    free: Axis
+    axis: ProbeAxis
+    free: ProbeAxis
     turn: Turn
     rim1_u_px: float
     rim1_strength: float
@@ -78,21 +78,21 @@ class Measured:
         return self.rim2.strength / max(self.metal - self.dark, 1.0)
 
 
-def sight(image: Plane, matches: list[Match], model: ProbeModel, origin: tuple[int, int]) -> Sighting:
+def sight(image: Plane, matches: list[TemplateMatch], model: ProbeModel, origin: tuple[int, int]) -> TipSighting:
     """Lay the needle roughly straight and let its edges vote; try the next match when few of them do."""
-    seen: list[Sighting] = []
+    seen: list[TipSighting] = []
     for match in matches:
         at = match.x_px - origin[0], match.y_px - origin[1]
         strip = around(image, at, match.angle_rad, model.shape, SPARE_PX)
         slope = across_slope(strip)
         told = across_slope(strip, by_ratio=True) if model.outline.dim_side else slope
-        seen.append(Sighting(match, strip, slope, vote(strip, told, model.outline, -model.h_px)))
+        seen.append(TipSighting(match, strip, slope, vote(strip, told, model.outline, -model.h_px)))
         if seen[-1].vote.share > SURE_SHARE:
             break
     return max(seen, key=lambda one: one.vote.share)
 
 
-def coarse_shift(sighting: Sighting, shape: NeedleShape) -> float | None:
+def coarse_shift(sighting: TipSighting, shape: NeedleShape) -> float | None:
     """Return how far the marking lies from where the template puts it (u, px), None if there is none."""
     strip = sighting.strip
     axis = sighting.vote.a_px, sighting.vote.b
@@ -111,7 +111,7 @@ def coarse_shift(sighting: Sighting, shape: NeedleShape) -> float | None:
     return float(np.argmax(rise[near]) + near.start - reach)
 
 
-def measure(image: Plane, sighting: Sighting, shift_px: float, model: ProbeModel) -> Measured | None:
+def measure(image: Plane, sighting: TipSighting, shift_px: float, model: ProbeModel) -> MeasuredTip | None:
     """Straighten the needle along the voted axis and measure it; None when too few edges agree on an axis."""
     rough, found = sighting.strip, sighting.vote
     at = rough.to_image(shift_px, found.a_px + found.b * shift_px)
@@ -131,9 +131,9 @@ def measure(image: Plane, sighting: Sighting, shift_px: float, model: ProbeModel
     return _with_rims(strip, slope, points, axis, free, model)
 
 
-def _first_axis(strip: Strip, slope: Plane, model: ProbeModel) -> Axis | None:
+def _first_axis(strip: ProbeStrip, slope: Plane, model: ProbeModel) -> ProbeAxis | None:
     """Return the axis by the edges before a darker ground, or by edges of both signs where those show clearly more."""
-    best: Axis | None = None
+    best: ProbeAxis | None = None
     for either_way in (False, True):
         start = (0.0, 0.0), (0.0, 0.0), FIRST_REACH_PX
         axis = fit_axis(edge_points(strip, slope, model.outline, *start, either_way=either_way), -model.h_px)
@@ -144,7 +144,9 @@ def _first_axis(strip: Strip, slope: Plane, model: ProbeModel) -> Axis | None:
     return best
 
 
-def _with_rims(strip: Strip, slope: Plane, points: EdgePoints, axis: Axis, free: Axis, model: ProbeModel) -> Measured:
+def _with_rims(
+    strip: ProbeStrip, slope: Plane, points: EdgePoints, axis: ProbeAxis, free: ProbeAxis, model: ProbeModel
+) -> MeasuredTip:
     reach = model.rim_form_px.size // 2
     columns = np.arange(-reach, reach + 1)
     line, half = (axis.a_px, axis.b), model.outline.rim_half_px(-model.h_px)
@@ -156,4 +158,4 @@ def _with_rims(strip: Strip, slope: Plane, points: EdgePoints, axis: Axis, free:
     rim1_u = middle(u1)
     metal, dark = marking_levels(strip, line, rim1_u, rim2.u_px)
     turn = taper_turn(strip, slope, model.outline, axis, -model.h_px)
-    return Measured(strip, slope, points, axis, free, turn, rim1_u, middle(strength1), rim2, metal, dark)
+    return MeasuredTip(strip, slope, points, axis, free, turn, rim1_u, middle(strength1), rim2, metal, dark)

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 
 from vision.core.image import Plane
-from vision.tip.edges import Axis
+from vision.tip.edges import ProbeAxis
 from vision.tip.silhouette import Silhouette
-from vision.tip.strip import Strip
+from vision.tip.strip import ProbeStrip
 
 TURNS_DEG = np.arange(-15.0, 15.01, 0.5)
 # The place a needle gives way need not be the marking's rim: the turned taper may start this far aside.
@@ -31,7 +31,7 @@ class Turn:
     turn_deg: float
 
 
-def taper_turn(strip: Strip, slope: Plane, outline: Silhouette, axis: Axis, pivot_u_px: float) -> Turn:
+def taper_turn(strip: ProbeStrip, slope: Plane, outline: Silhouette, axis: ProbeAxis, pivot_u_px: float) -> Turn:
     """Return how much of the taper shows where the axis points and how much elsewhere, edges of either sign counting.
 
     A bent needle shows its taper elsewhere; a busy background hides it without showing one elsewhere.

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from vision.core.caliper import Floats, derivative
 from vision.core.image import Plane
 from vision.tip.silhouette import Silhouette, caliper_rows
-from vision.tip.strip import Strip, across_slope, edge_maps, middle_profile
+from vision.tip.strip import ProbeStrip, across_slope, edge_maps, middle_profile
 
 HINT_REACH_DEG = 12.0
 # Half widths that are tried, px, and how much they may grow per px towards the barrel: a long taper need not end at the
@@ -39,7 +39,7 @@ ADVICE = (
 
 
 @dataclass(frozen=True, slots=True)
-class Rough:
+class RoughOutline:
     """Hold the needle's turn against the strip, its rims' u, and its outline, good to about 2 px."""
 
     tilt_rad: float
@@ -58,7 +58,7 @@ class EdgePairs:
     reach_px: int
 
     @classmethod
-    def of(cls, strip: Strip, *, by_ratio: bool = False) -> EdgePairs:
+    def of(cls, strip: ProbeStrip, *, by_ratio: bool = False) -> EdgePairs:
         """Return the edges of a strip, of its brightness or of the brightness' logarithm."""
         rising, falling = edge_maps(across_slope(strip, by_ratio=by_ratio), strip.edge_level)
         return cls(rising, falling, strip.u_from_px, strip.reach_px)
@@ -92,7 +92,7 @@ class _Cylinder:
         return self.half_px - self.flare * (u_px - self.u_px)
 
 
-def rough_needle(strip: Strip) -> Rough:
+def rough_needle(strip: ProbeStrip) -> RoughOutline:
     """Return the needle that ends near u = 0 of a strip laid along its expected direction; ValueError if none does."""
     edges = EdgePairs.of(strip, by_ratio=True)
     best: tuple[float, float, _Cylinder, tuple[float, float]] | None = None
@@ -113,10 +113,10 @@ def rough_needle(strip: Strip) -> Rough:
         raise ValueError(f"the needle's two edges cannot be followed from the marking to the given point. {ADVICE}")
     u, cylinder_rows = caliper_rows(-marking[1], marking[1] - marking[0])
     halves = np.concatenate([cylinder.halves_px(u[:cylinder_rows]), traced])
-    return Rough(float(np.arctan(tilt)), *marking, Silhouette(u, -halves, halves, cylinder_rows))
+    return RoughOutline(float(np.arctan(tilt)), *marking, Silhouette(u, -halves, halves, cylinder_rows))
 
 
-def _marking(strip: Strip, tilt: float) -> tuple[float, float] | None:
+def _marking(strip: ProbeStrip, tilt: float) -> tuple[float, float] | None:
     """Return the coarse u of the upper and lower rim along a tilted line: a fall and, below it, a rise."""
     slope = derivative(middle_profile(strip, (0.0, tilt), 4)[None, :], 2.5)[0]
     u = np.arange(slope.size) + strip.u_from_px

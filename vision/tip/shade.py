@@ -11,7 +11,7 @@ import numpy as np
 
 from vision.core.caliper import Floats
 from vision.tip.silhouette import Silhouette
-from vision.tip.strip import CALIPER_STEP_PX, Strip, across_slope
+from vision.tip.strip import CALIPER_STEP_PX, ProbeStrip, across_slope
 
 # One side is the dim one when its edge is so much weaker than the other's.
 DIM_SHARE = 0.6
@@ -22,7 +22,7 @@ MIDDLE_SHARE = 0.5
 LEAST_SHADE = 0.7
 
 
-def dim_side(strip: Strip, outline: Silhouette) -> int:
+def dim_side(strip: ProbeStrip, outline: Silhouette) -> int:
     """Return the side (-1 or +1) with the weaker edge; ValueError when they are alike."""
     slope = across_slope(strip)
     rows = np.clip(np.rint(outline.u_px).astype(np.intp) - strip.u_from_px, 0, slope.shape[0] - 1)
@@ -40,7 +40,7 @@ def dim_side(strip: Strip, outline: Silhouette) -> int:
     return -1 if left < right else 1
 
 
-def taught_shade_px(strip: Strip, outline: Silhouette, side: int) -> Floats:
+def taught_shade_px(strip: ProbeStrip, outline: Silhouette, side: int) -> Floats:
     """Return v (N,) where the light on the dim side is down to half; ValueError when that is not seen."""
     shade = _crossing_px(strip, (0.0, 0.0), outline, side)
     seen = np.isfinite(shade)
@@ -50,12 +50,12 @@ def taught_shade_px(strip: Strip, outline: Silhouette, side: int) -> Floats:
     return np.interp(outline.u_px, outline.u_px[seen], shade[seen])
 
 
-def shade_px(strip: Strip, axis: tuple[float, float], outline: Silhouette) -> Floats:
+def shade_px(strip: ProbeStrip, axis: tuple[float, float], outline: Silhouette) -> Floats:
     """Return v (N,) from the axis (a, b) where the light on the dim side is down to half, NaN where it is not."""
     return _crossing_px(strip, axis, outline, outline.dim_side)
 
 
-def _crossing_px(strip: Strip, axis: tuple[float, float], outline: Silhouette, side: int) -> Floats:
+def _crossing_px(strip: ProbeStrip, axis: tuple[float, float], outline: Silhouette, side: int) -> Floats:
     """Return the first place from the axis to the dim side that is darker than half the metal about the axis."""
     levels = cv2.blur(strip.pixels, (3, CALIPER_STEP_PX + 1))
     rows = np.rint(outline.u_px).astype(np.intp) - strip.u_from_px

@@ -6,7 +6,7 @@ import numpy as np
 
 from vision.core.not_found import NotFound
 from vision.tip.edges import fit_axis
-from vision.tip.measure import Measured
+from vision.tip.measure import MeasuredTip
 from vision.tip.probe_model import ProbeModel
 from vision.tip.strip import middle
 from vision.tip.verdicts import wrong
@@ -24,7 +24,7 @@ ONE_SIDED_WIDER_PX = 0.6
 LEAST_THIN_FOUND, LEAST_THIN_NEAR, NEAR_PX, PLAIN_USED = 6, 4, 0.8, 8
 
 
-def check_sides(needle: Measured, model: ProbeModel) -> NotFound | None:
+def check_sides(needle: MeasuredTip, model: ProbeModel) -> NotFound | None:
     """Return why the sides of the taper do not tell of one and the same taught needle, or None.
 
     Edges that are there but lie elsewhere speak against the needle. Where one side does not stand out from the ground
@@ -50,7 +50,7 @@ def check_sides(needle: Measured, model: ProbeModel) -> NotFound | None:
     return _one_sided(needle, model) if least_used < LEAST_USED else _one_sided_cylinder(needle)
 
 
-def _one_sided(needle: Measured, model: ProbeModel) -> NotFound | None:
+def _one_sided(needle: MeasuredTip, model: ProbeModel) -> NotFound | None:
     """Return why one side of the taper alone does not tell enough, or None."""
     free = needle.free
     fact = "one side of the taper does not stand out from the ground, and by the other one"
@@ -66,7 +66,7 @@ def _one_sided(needle: Measured, model: ProbeModel) -> NotFound | None:
     return _one_sided_cylinder(needle)
 
 
-def _one_sided_cylinder(needle: Measured) -> NotFound | None:
+def _one_sided_cylinder(needle: MeasuredTip) -> NotFound | None:
     """Return why one side of the cylinder alone does not tell enough, or None: another width would move the axis."""
     points, axis = needle.points, needle.axis
     used = ~points.on_taper & (axis.weights > 0.3)

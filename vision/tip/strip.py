@@ -51,7 +51,7 @@ class NeedleShape:
 
 
 @dataclass(frozen=True, slots=True)
-class Strip:
+class ProbeStrip:
     """Hold a straightened piece: `pixels` (rows along u from `u_from_px`, columns v from -`reach_px`) and its place."""
 
     pixels: Plane
@@ -71,7 +71,7 @@ class Strip:
 
 def straighten(
     plane: Plane, at_px: tuple[float, float], angle_rad: float, u_from_px: int, u_to_px: int, reach_px: int
-) -> Strip:
+) -> ProbeStrip:
     """Resample `plane` (H, W) float32 so that the line through `at_px` along `angle_rad` becomes a column."""
     c, s = np.cos(angle_rad), np.sin(angle_rad)
     matrix = np.array(
@@ -84,10 +84,10 @@ def straighten(
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     laid: Plane = np.asarray(cv2.warpAffine(plane, matrix, size, flags=flags, borderMode=cv2.BORDER_REPLICATE))
     low, high = quantiles(laid[::6, ::5], 0.05, 0.99)
-    return Strip(laid, at_px[0], at_px[1], angle_rad, u_from_px, reach_px, max(0.05 * (high - low), 2.0))
+    return ProbeStrip(laid, at_px[0], at_px[1], angle_rad, u_from_px, reach_px, max(0.05 * (high - low), 2.0))
 
 
-def around(plane: Plane, at_px: tuple[float, float], angle_rad: float, shape: NeedleShape, spare_px: int) -> Strip:
+def around(plane: Plane, at_px: tuple[float, float], angle_rad: float, shape: NeedleShape, spare_px: int) -> ProbeStrip:
     """Return the strip that holds the whole measured needle and `spare_px` more on every side."""
     above, aside = int(shape.length_px) + spare_px, int(shape.cylinder_half_px) + 10 + spare_px
     return straighten(plane, at_px, angle_rad, -above, 24 + spare_px, aside)
@@ -111,7 +111,7 @@ def middle(values: Floats | Plane) -> float:
     return float(np.partition(values.ravel(), rank)[rank])
 
 
-def across_slope(strip: Strip, *, by_ratio: bool = False) -> Plane:
+def across_slope(strip: ProbeStrip, *, by_ratio: bool = False) -> Plane:
     """Return d/dv of the strip, averaged along u over a caliper's own rows, levels per px.
 
     by_ratio: of the brightness' logarithm instead, scaled to the same range of levels: the dim flank of a needle lit
@@ -142,7 +142,7 @@ def _edge_map(slope: Plane, edge_level: float) -> Plane:
     return np.asarray(cv2.dilate(steepest.astype(np.float32), _NEXT), dtype=np.float32)
 
 
-def middle_profile(strip: Strip, axis: tuple[float, float], half_px: int) -> Plane:
+def middle_profile(strip: ProbeStrip, axis: tuple[float, float], half_px: int) -> Plane:
     """Return the median brightness of the needle's middle (+-half_px) along u, one value per row of the strip."""
     u = np.arange(strip.pixels.shape[0]) + strip.u_from_px
     centre = np.rint(axis[0] + axis[1] * u).astype(np.intp) + strip.reach_px

@@ -16,10 +16,10 @@ from vision.core.caliper import Floats, robust_fit
 from vision.core.image import Gray, Plane
 from vision.tip.edges import EdgePoints, edge_points
 from vision.tip.marking_rim import join_rim, marking_levels, rim_columns, rim_places
-from vision.tip.outline import Rough, rough_needle
+from vision.tip.outline import RoughOutline, rough_needle
 from vision.tip.shade import dim_side, taught_shade_px
 from vision.tip.silhouette import Silhouette, caliper_rows
-from vision.tip.strip import NeedleShape, Strip, across_slope, middle, middle_profile, straighten
+from vision.tip.strip import NeedleShape, ProbeStrip, across_slope, middle, middle_profile, straighten
 
 # The needle comes into view from the upper left; teaching looks this far to either side of that direction.
 AXIS_HINT_RAD = float(np.arctan2(232.0, 119.0))
@@ -68,7 +68,7 @@ def measure(plane: Gray, tip_px: tuple[float, float], hint_rad: float) -> Taught
 
 def _straightened(
     image: Plane, tip_px: tuple[float, float], angle_rad: float, rough: Silhouette, by_ratio: tuple[bool, bool]
-) -> tuple[Strip, Silhouette]:
+) -> tuple[ProbeStrip, Silhouette]:
     """Return the strip along the needle's axis and the outline about it, found from a rough outline.
 
     by_ratio: whether the left and the right edge are where the brightness changes fastest by ratio, not by levels.
@@ -82,7 +82,7 @@ def _straightened(
     return strip, outline
 
 
-def _same_axis(levels: Strip, ratios: Strip, outline: Silhouette) -> bool:
+def _same_axis(levels: ProbeStrip, ratios: ProbeStrip, outline: Silhouette) -> bool:
     """Return whether edges found by level and by ratio lie about the same axis.
 
     Where the light comes from one side the steepest place of the dim flank is within it, where the light ends; by ratio
@@ -96,7 +96,7 @@ def _same_axis(levels: Strip, ratios: Strip, outline: Silhouette) -> bool:
 
 
 def _refined(
-    strip: Strip, outline: Silhouette, reach_px: int, by_ratio: tuple[bool, bool]
+    strip: ProbeStrip, outline: Silhouette, reach_px: int, by_ratio: tuple[bool, bool]
 ) -> tuple[float, float, Silhouette]:
     """Return the axis (a, b) of the measured edges and the outline as seen from it."""
     slopes = {ratio: across_slope(strip, by_ratio=ratio) for ratio in set(by_ratio)}
@@ -146,7 +146,7 @@ def _running_median(values: Floats) -> Floats:
     return smooth
 
 
-def _conclude(strip: Strip, rough: Rough, outline: Silhouette, click_px: tuple[float, float]) -> Taught:
+def _conclude(strip: ProbeStrip, rough: RoughOutline, outline: Silhouette, click_px: tuple[float, float]) -> Taught:
     """Measure the rims on the final strip and put the click on the axis."""
     c, s = np.cos(strip.angle_rad), np.sin(strip.angle_rad)
     dx, dy = click_px[0] - strip.x_px, click_px[1] - strip.y_px
@@ -164,7 +164,7 @@ def _conclude(strip: Strip, rough: Rough, outline: Silhouette, click_px: tuple[f
     return Taught(x, y, strip.angle_rad, shape, outline, form, 1.0 - dark / max(metal, 1.0), across)
 
 
-def _check_end(strip: Strip, end_u_px: float) -> None:
+def _check_end(strip: ProbeStrip, end_u_px: float) -> None:
     """Raise ValueError unless the metal ends near the given point."""
     values, at = middle_profile(strip, (0.0, 0.0), 1), round(end_u_px) - strip.u_from_px
     metal, beyond = middle(values[at - 16 : at - 6]), middle(values[at + 6 : at + 16])
@@ -175,7 +175,7 @@ def _check_end(strip: Strip, end_u_px: float) -> None:
         )
 
 
-def _rims(strip: Strip, rough: Rough, outline: Silhouette) -> tuple[float, float, Floats]:
+def _rims(strip: ProbeStrip, rough: RoughOutline, outline: Silhouette) -> tuple[float, float, Floats]:
     """Return u of the upper and the lower rim and the lower one's form over `rim_columns`, 0 at the axis."""
     half = outline.rim_half_px(rough.rim2_u_px)
     columns = rim_columns(half)

@@ -28,7 +28,7 @@ APART = 2
 
 
 @dataclass(frozen=True, slots=True)
-class Match:
+class TemplateMatch:
     """Hold where the template fits best: place of the end in the frame, needle angle, correlation -1..1."""
 
     x_px: float
@@ -61,7 +61,7 @@ def region(model: ProbeModel) -> tuple[int, int, int, int]:
 
 def search(
     plane: Gray, model: ProbeModel, origin: tuple[int, int], turns_deg: tuple[float, ...] = TURNS_DEG
-) -> list[Match]:
+) -> list[TemplateMatch]:
     """Search the golden template around its taught place by masked normalised correlation (eq. 5.3), turned a little.
 
     plane: the region's pixels, free of salt and pepper; origin: its top-left pixel in the frame. Returns up to
@@ -72,7 +72,7 @@ def search(
     small = _shrink(cut)
     squared = np.square(small)
     score = np.stack([_correlate(small, squared, _template(model, turn)) for turn in turns_deg], axis=2)
-    found: list[Match] = []
+    found: list[TemplateMatch] = []
     for _ in range(MOST_MATCHES):
         row, column, turn = (int(at) for at in np.unravel_index(int(np.argmax(score)), score.shape))
         best = float(score[row, column, turn])
@@ -81,7 +81,7 @@ def search(
         dx, dy = SHRINK * column - SEARCH_REACH_PX, SHRINK * row - SEARCH_REACH_PX
         # The template was turned about its own end, so the end moves with the template and nothing else.
         angle = model.angle_rad + float(np.radians(turns_deg[turn]))
-        found.append(Match(model.tip_px[0] + dx, model.tip_px[1] + dy, angle, best))
+        found.append(TemplateMatch(model.tip_px[0] + dx, model.tip_px[1] + dy, angle, best))
         score[max(row - APART, 0) : row + APART + 1, max(column - APART, 0) : column + APART + 1] = -2.0
     return found
 

@@ -7,12 +7,12 @@ from typing import Literal
 
 import numpy as np
 
-from daemon.domain.errors import Fault, Kind
+from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.states import Event
-from daemon.jobs.context import Bench, Job, Outcome
+from daemon.jobs.context import JobContext, Outcome, StationContext
 from daemon.procedures.calibrate.commit import Began, keep
 from daemon.procedures.calibrate.targets import Mark, Sight
-from daemon.procedures.move_sequence import BELOW, Tour, shifted
+from daemon.procedures.move_sequence import BELOW, MoveSequence, shifted
 from daemon.storage.calibration_records import AxisBacklash, BacklashRecord
 from drivers.gantry import Position
 from vision.geometry.pose_map import PoseMap
@@ -24,38 +24,38 @@ REACH_PX = 120.0
 Axis = Literal["x", "y"]
 
 
-async def measure_backlash(job: Job, bench: Bench, mark: Mark, theta_deg: float) -> Outcome:
+async def measure_backlash(job: JobContext, context: StationContext, mark: Mark, theta_deg: float) -> Outcome:
     """Measure the play of X and Y on a resting mark and keep it, with the verdict on the one-sided approach."""
-    bench.calibrations.require_probe()
-    pose_map = bench.calibrations.require_map(bench.config.servo.calibration_days, bench.config.gantry.work_z_um)
-    await bench.station.require_homed(job.watch, job.deadline)
-    over = bench.geometry.position_at(mark.place_um, theta_deg)
-    r = bench.config.servo.max_placement_um + AWAY_UM
+    context.calibrations.require_probe()
+    pose_map = context.calibrations.require_map(context.config.servo.calibration_days, context.config.gantry.work_z_um)
+    await context.station.require_homed(job.watch, job.deadline)
+    over = context.geometry.position_at(mark.place_um, theta_deg)
+    r = context.config.servo.max_placement_um + AWAY_UM
     for dx, dy in ((-r, -r), (r, r)):
-        bench.station.check(shifted(over, dx, dy))
+        context.station.check(shifted(over, dx, dy))
     job.fire(Event.ACCEPTED)
     began = Began.now(job)
-    work = _Play(Tour(job, bench), mark, pose_map, over)
+    work = _Play(MoveSequence(job, context), mark, pose_map, over)
     x = await work.axis("x", 0)
     y = await work.axis("y", REPEATS)
     record = BacklashRecord(
-        **began.facts(job, bench), x=x, y=y, approach_um=bench.config.gantry.approach_um
+        **began.facts(job, context), x=x, y=y, approach_um=context.config.gantry.approach_um
     )  # fmt: skip
-    kept = await keep(bench, record)
+    kept = await keep(context, record)
     return Outcome("calibrated", detail=_told(record) | kept)
 
 
 class _Play:
     """Visits from both sides."""
 
-    def __init__(self, tour: Tour, mark: Mark, pose_map: PoseMap, over: Position) -> None:
-        self._tour, self._mark, self._map, self._over = tour, mark, pose_map, over
+    def __init__(self, sequence: MoveSequence, mark: Mark, pose_map: PoseMap, over: Position) -> None:
+        self._sequence, self._mark, self._map, self._over = sequence, mark, pose_map, over
 
     async def axis(self, axis: Axis, done: int) -> AxisBacklash:
         """Visit the place from both sides in turn; drift between the two then counts for neither."""
         below, above = [], []
         for n in range(REPEATS):
-            self._tour.job.progress(done + n, 2 * REPEATS, f"play of {axis.upper()}")
+            self._sequence.job.progress(done + n, 2 * REPEATS, f"play of {axis.upper()}")
             below.append(await self._tip_um(axis, -AWAY_UM, BELOW))
             above.append(await self._tip_um(axis, AWAY_UM, frozenset({axis})))
         play_um = float(np.mean(above) - np.mean(below))
@@ -66,13 +66,13 @@ class _Play:
 
     async def _tip_um(self, axis: Axis, from_um: float, from_above: frozenset[str]) -> float:
         """Come from one side; return where the tip then is along the axis, from the mark."""
-        tour, probe = self._tour, self._tour.bench.calibrations.require_probe()
-        await tour.go(shifted(self._over, **{f"d{axis}_um": from_um}), from_above=from_above)
-        position = await tour.go(self._over, from_above=from_above)
-        sight = await self._mark.see(tour.job, tour.bench, position, self._map.below_tip_px, REACH_PX)
+        sequence, probe = self._sequence, self._sequence.context.calibrations.require_probe()
+        await sequence.go(shifted(self._over, **{f"d{axis}_um": from_um}), from_above=from_above)
+        position = await sequence.go(self._over, from_above=from_above)
+        sight = await self._mark.see(sequence.job, sequence.context, position, self._map.below_tip_px, REACH_PX)
         if not isinstance(sight, Sight):
             raise Fault(
-                Kind.CALIBRATION_FAILED,
+                FaultCode.CALIBRATION_FAILED,
                 f"{self._mark.name} was not seen: {sight.why}",
                 advice="choose a mark that stands alone, or see that the printed cross is uncovered",
             )

@@ -10,8 +10,8 @@ from typing import Any
 
 import structlog
 
-from daemon.domain.errors import Fault, Kind
-from daemon.jobs.context import Bench, Job
+from daemon.domain.errors import Fault, FaultCode
+from daemon.jobs.context import JobContext, StationContext
 from daemon.platform.clock import utc_now
 from daemon.platform.subprocess import draw
 from daemon.storage.calibration_records import Record
@@ -30,31 +30,31 @@ class Began:
     looks: int
 
     @classmethod
-    def now(cls, job: Job) -> Began:
+    def now(cls, job: JobContext) -> Began:
         """Begin."""
         return cls(time.monotonic(), job.looks)
 
-    def facts(self, job: Job, bench: Bench) -> dict[str, Any]:
+    def facts(self, job: JobContext, context: StationContext) -> dict[str, Any]:
         """Return what every record says of itself (`records.Made`)."""
         return {
-            "station": bench.config.station.name,
+            "station": context.config.station.name,
             "made_at": utc_now(),
             "job": job.request.id,
-            "probe": bench.calibrations.fingerprint,
+            "probe": context.calibrations.fingerprint,
             "seconds": round(time.monotonic() - self.at_s, 2),
             "looks": job.looks - self.looks,
         }
 
 
-async def keep(bench: Bench, record: Record) -> dict[str, object]:
+async def keep(context: StationContext, record: Record) -> dict[str, object]:
     """Put the record in force and draw its page; return where both are. The page never decides over the record."""
     try:
-        previous = await asyncio.to_thread(bench.calibrations.store, record)
+        previous = await asyncio.to_thread(context.calibrations.store, record)
     except OSError as exc:
         advice = "free disk space, then calibrate again"
-        raise Fault(Kind.CALIBRATION_FAILED, f"it cannot be kept: {exc}", advice=advice) from exc
-    file = bench.calibrations.file(record.what)
-    page = bench.calibrations.folder / "reports" / f"{record.what}-{stamp(record.made_at)}.html"
+        raise Fault(FaultCode.CALIBRATION_FAILED, f"it cannot be kept: {exc}", advice=advice) from exc
+    file = context.calibrations.file(record.what)
+    page = context.calibrations.folder / "reports" / f"{record.what}-{stamp(record.made_at)}.html"
     drawn = await _draw(file, previous, page)
     return {"record": str(file), "report": str(page) if drawn else None, "seconds": record.seconds}
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from itertools import pairwise
 
-from daemon.domain.errors import Fault, Kind
+from daemon.domain.errors import Fault, FaultCode
 
 STEP_DEG = 1.8 / 32
 """The motor's finest step (thesis 6.2)."""
@@ -33,7 +33,7 @@ def plan_angles(angles: int | None, every_deg: float | None, minimum_deg: float,
     # A whole turn closes on itself, should an axis ever have that range.
     found = list(dict.fromkeys(_standable(a, low, high) for a in axis))
     if len(found) < 6:
-        raise Fault(Kind.INVALID_REQUEST, f"that leaves {len(found)} head angles; at least 6 are needed")
+        raise Fault(FaultCode.INVALID_REQUEST, f"that leaves {len(found)} head angles; at least 6 are needed")
     return found
 
 

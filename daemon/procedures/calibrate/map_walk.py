@@ -13,12 +13,12 @@ from typing import Final
 
 import numpy as np
 
-from daemon.domain.errors import Fault, Kind
+from daemon.domain.errors import Fault, FaultCode
 from daemon.procedures.calibrate.targets import Mark, Sight
-from daemon.procedures.move_sequence import Tour, shifted
+from daemon.procedures.move_sequence import MoveSequence, shifted
 from drivers.gantry import Position
 from vision.geometry.frames import Array
-from vision.geometry.pose_map import PoseMap, Sighting, fit_pose_map
+from vision.geometry.pose_map import MapPoint, PoseMap, fit_pose_map
 
 TABLE_6_1: Final = ((10.0, 300.0), (6.0, 200.0), (4.0, 100.0), (3.0, 50.0), (0.0, 30.0))
 """Distance seen, px, from which on a step is so long, um."""
@@ -43,16 +43,16 @@ def table_step_um(seen_px: float) -> float:
 class Walk:
     """The way of the head round the mark, and what was seen from each place."""
 
-    def __init__(self, tour: Tour, mark: Mark, theta_deg: float) -> None:
-        self._tour, self._mark = tour, mark
-        self._job, self._bench = tour.job, tour.bench
-        self.over = self._bench.geometry.position_at(mark.place_um, theta_deg)
-        self._reach_um = self._bench.config.servo.max_placement_um
-        self._reach_px = 2 * self._reach_um / self._bench.config.camera.pitch_um
-        self._hover_um = self._bench.config.gantry.work_z_um - self._bench.config.gantry.touch_z_um
-        self.tip_px = self._bench.calibrations.require_probe().tip_px
+    def __init__(self, sequence: MoveSequence, mark: Mark, theta_deg: float) -> None:
+        self._sequence, self._mark = sequence, mark
+        self._job, self._context = sequence.job, sequence.context
+        self.over = self._context.geometry.position_at(mark.place_um, theta_deg)
+        self._reach_um = self._context.config.servo.max_placement_um
+        self._reach_px = 2 * self._reach_um / self._context.config.camera.pitch_um
+        self._hover_um = self._context.config.gantry.work_z_um - self._context.config.gantry.touch_z_um
+        self.tip_px = self._context.calibrations.require_probe().tip_px
         self._why_unseen = ""
-        self.sightings: list[Sighting] = []
+        self.sightings: list[MapPoint] = []
 
     def extremes(self) -> list[Position]:
         """Return the corners of the walk, so that the envelope is checked before the first step."""
@@ -100,7 +100,7 @@ class Walk:
             seen = await self._visit(place)
             if seen is not None:
                 return place, seen
-        kind = Kind.TEST_POINT_NOT_FOUND
+        kind = FaultCode.TEST_POINT_NOT_FOUND
         raise Fault(kind, f"{self._mark.name} was not seen with the tip: {self._why_unseen}")
 
     async def _lift(self, rough: PoseMap) -> Array:
@@ -116,7 +116,7 @@ class Walk:
 
     async def _not_lost(self, place: Position, offset_px: tuple[float, float], reach_px: float) -> Sight:
         """Go there and see the mark; raise ValueError if it is not seen."""
-        sight = await self._see(await self._tour.go(place), offset_px, reach_px)
+        sight = await self._see(await self._sequence.go(place), offset_px, reach_px)
         if sight is None:
             raise ValueError(f"{self._mark.name} was lost while the needle was lifted beside it: {self._why_unseen}")
         return sight
@@ -127,7 +127,7 @@ class Walk:
         The needle leaves the mark alone there; and across the view the parallax is what it is at the tip itself, which
         along the view it is not.
         """
-        probe = self._bench.calibrations.require_probe()
+        probe = self._context.calibrations.require_probe()
         scale = rough.scale_px_per_um(self.tip_px)
         way_px = min(self._mark.size_um / 2 * scale + probe.shape.cylinder_half_px, self._reach_px / 2)
         across = np.array([-math.sin(probe.angle_rad), math.cos(probe.angle_rad)])
@@ -138,16 +138,16 @@ class Walk:
     async def _visit(self, offset_um: Array) -> Array | None:
         """Go to a place beside the mark and log where it appears; None where needle or background hide it."""
         target = shifted(self.over, float(offset_um[0]), float(offset_um[1]))
-        sight = await self._see(await self._tour.go(target), (0.0, 0.0), self._reach_px)
+        sight = await self._see(await self._sequence.go(target), (0.0, 0.0), self._reach_px)
         if sight is None:
             return None
         at = sight.position
-        self.sightings.append(Sighting(sight.target_px, at.x_um, at.y_um, at.theta_deg))
+        self.sightings.append(MapPoint(sight.target_px, at.x_um, at.y_um, at.theta_deg))
         return np.array(sight.target_px)
 
     async def _see(self, position: Position, offset_px: tuple[float, float], reach_px: float) -> Sight | None:
         """Look once; remember why if the mark is not seen."""
-        seen = await self._mark.see(self._job, self._bench, position, offset_px, reach_px)
+        seen = await self._mark.see(self._job, self._context, position, offset_px, reach_px)
         if isinstance(seen, Sight):
             return seen
         self._why_unseen = seen.why
@@ -159,6 +159,6 @@ class Walk:
             tip_px=self.tip_px,
             below_tip_px=below_px,
             below_sigma_px=below_sigma_px,
-            work_z_um=self._bench.config.gantry.work_z_um,
+            work_z_um=self._context.config.gantry.work_z_um,
             hover_um=self._hover_um,
         )

@@ -7,11 +7,11 @@ import random
 import numpy as np
 
 from daemon.domain.board import BoardPoint
-from daemon.domain.errors import Fault, Kind
+from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.states import Event
-from daemon.jobs.context import Bench, Job, Outcome
+from daemon.jobs.context import JobContext, Outcome, StationContext
 from daemon.procedures.calibrate.commit import Began, keep
-from daemon.procedures.move_sequence import Tour, shifted
+from daemon.procedures.move_sequence import MoveSequence, shifted
 from daemon.procedures.surface_touch import heights_um, press
 from daemon.storage.calibration_records import SurfaceRecord, Touch
 from daemon.wire.requests import Calibrate
@@ -25,34 +25,34 @@ MAX_RMS_UM = 25.0
 LEAST_PLACES = 4
 
 
-async def measure_surface(job: Job, bench: Bench, request: Calibrate) -> Outcome:
+async def measure_surface(job: JobContext, context: StationContext, request: Calibrate) -> Outcome:
     """Touch test points of the board, fit the plane they lie in and keep it; if they lie in none the old one stays."""
-    press_um = bench.config.gantry.press_um
+    press_um = context.config.gantry.press_um
     if press_um <= 0.0:
         raise Fault(
-            Kind.NOT_CALIBRATED,
+            FaultCode.NOT_CALIBRATED,
             "the configuration allows no pressing",
             advice="set gantry.press_um to what the pin takes, say 200, and repeat",
         )
-    bench.calibrations.require_probe()
-    pose_map = bench.calibrations.require_map(bench.config.servo.calibration_days, bench.config.gantry.work_z_um)
-    await bench.station.require_homed(job.watch, job.deadline)
-    points = _choose(bench.board.test_points(), request.places, request.id)
-    places = [bench.geometry.position_over(point.place_um, request.theta_deg) for point in points]
-    deep_um = bench.config.gantry.work_z_um - bench.config.gantry.touch_z_um + press_um
+    context.calibrations.require_probe()
+    pose_map = context.calibrations.require_map(context.config.servo.calibration_days, context.config.gantry.work_z_um)
+    await context.station.require_homed(job.watch, job.deadline)
+    points = _choose(context.board.test_points(), request.places, request.id)
+    places = [context.geometry.position_over(point.place_um, request.theta_deg) for point in points]
+    deep_um = context.config.gantry.work_z_um - context.config.gantry.touch_z_um + press_um
     for place in places:
-        bench.station.check(place)
-        bench.station.check(shifted(place, dz_um=-deep_um))
+        context.station.check(place)
+        context.station.check(shifted(place, dz_um=-deep_um))
     job.fire(Event.ACCEPTED)
-    tour, began, pushes = Tour(job, bench), Began.now(job), []
+    sequence, began, pushes = MoveSequence(job, context), Began.now(job), []
     for n, (point, place) in enumerate(zip(points, places, strict=True)):
         job.progress(n, len(places), f"touching {point.name}")
-        pushes.append(await press(tour, place))
+        pushes.append(await press(sequence, place))
     heights = heights_um(pushes, pose_map, press_um)
-    where = np.array([bench.geometry.tip_um(place) for place in places])
+    where = np.array([context.geometry.tip_um(place) for place in places])
     surface = _plane(where, np.array(heights))
-    record = _record(surface, where, heights, began.facts(job, bench))
-    kept = await keep(bench, record)
+    record = _record(surface, where, heights, began.facts(job, context))
+    kept = await keep(context, record)
     return Outcome("calibrated", detail=_told(record) | kept)
 
 
@@ -60,7 +60,7 @@ def _choose(points: tuple[BoardPoint, ...], count: int, seed: str) -> list[Board
     """Choose test points at random, every job others; pads are made to be touched, the board between them is not."""
     if len(points) < LEAST_PLACES:
         raise Fault(
-            Kind.CALIBRATION_FAILED,
+            FaultCode.CALIBRATION_FAILED,
             f"the board has {len(points)} test points; a plane needs {LEAST_PLACES}",
             advice="check the surface with another board",
         )
@@ -74,10 +74,10 @@ def _plane(places: Array, heights: Array) -> Surface:
     try:
         surface = fit_plane(places, heights, sigma_um=None)
     except ValueError as exc:
-        raise Fault(Kind.CALIBRATION_FAILED, f"the surface is no plane: {exc}") from exc
+        raise Fault(FaultCode.CALIBRATION_FAILED, f"the surface is no plane: {exc}") from exc
     if surface.rms_um > MAX_RMS_UM:
         raise Fault(
-            Kind.CALIBRATION_FAILED,
+            FaultCode.CALIBRATION_FAILED,
             f"the touched places lie {surface.rms_um:.0f} um off any plane; {MAX_RMS_UM:.0f} um are allowed",
             advice="see whether the board lies flat in its nest and nothing lies below it",
             heights_um=[round(float(h), 1) for h in heights],

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 
-from daemon.domain.errors import Fault, Kind
-from daemon.jobs.context import Bench, Job
+from daemon.domain.errors import Fault, FaultCode
+from daemon.jobs.context import JobContext, StationContext
 from daemon.procedures.calibrate.commit import Began, keep
 from daemon.procedures.calibrate.map_walk import Walk
 from daemon.procedures.calibrate.targets import Mark
-from daemon.storage.calibration_records import MapRecord, Seen
-from vision.geometry.pose_map import PoseMap, Sighting, worst_shrink
+from daemon.storage.calibration_records import MapRecord, SeenTarget
+from vision.geometry.pose_map import MapPoint, PoseMap, worst_shrink
 
 MAX_RESIDUAL_UM = 15.0
 """Beyond this the map is refused: repeatability and vision together leave about 8 um."""
@@ -18,19 +18,19 @@ MAX_LEFT = 0.5
 """A map that leaves this share of an error, or more, is refused."""
 
 
-async def walk_and_keep(job: Job, bench: Bench, walk: Walk, mark: Mark) -> dict[str, object]:
+async def walk_and_keep(job: JobContext, context: StationContext, walk: Walk, mark: Mark) -> dict[str, object]:
     """Walk, refuse a bad map, keep a good one; return what to answer."""
     began = Began.now(job)
     try:
         pose_map = await walk.run()
         refuse_bad_map(pose_map, walk)
     except ValueError as exc:
-        raise Fault(Kind.CALIBRATION_FAILED, f"the map cannot be fitted: {exc}") from exc
+        raise Fault(FaultCode.CALIBRATION_FAILED, f"the map cannot be fitted: {exc}") from exc
     record = MapRecord(
-        **began.facts(job, bench), mark=mark.name, theta_deg=walk.over.theta_deg, tip_px=walk.tip_px,
+        **began.facts(job, context), mark=mark.name, theta_deg=walk.over.theta_deg, tip_px=walk.tip_px,
         sightings=tuple(_seen(s) for s in walk.sightings), pose_map=json.loads(pose_map.to_json()),
     )  # fmt: skip
-    kept = await keep(bench, record)
+    kept = await keep(context, record)
     return {
         "what": "map",
         "sightings": len(walk.sightings),
@@ -56,7 +56,7 @@ def refuse_bad_map(pose_map: PoseMap, walk: Walk) -> None:
         raise ValueError(f"a correction by it would leave {left:.0%} of an error; look for what moved meanwhile")
 
 
-def _seen(sighting: Sighting) -> Seen:
+def _seen(sighting: MapPoint) -> SeenTarget:
     """Return a sighting as the record keeps it."""
     s = sighting
-    return Seen(theta_deg=s.theta_deg, target_px=s.target_px, x_um=s.x_um, y_um=s.y_um)
+    return SeenTarget(theta_deg=s.theta_deg, target_px=s.target_px, x_um=s.x_um, y_um=s.y_um)

@@ -13,17 +13,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from daemon.domain.errors import Fault, Kind
+from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.states import Event
-from daemon.jobs.context import Bench, Job, Outcome
+from daemon.jobs.context import JobContext, Outcome, StationContext
 from daemon.procedures.calibrate.commit import Began, keep
 from daemon.procedures.calibrate.head_angles import between, plan_angles
 from daemon.procedures.calibrate.map_walk import Walk
 from daemon.procedures.calibrate.pose_map import walk_and_keep
-from daemon.procedures.calibrate.rotation_run import Measured, RotationRun
+from daemon.procedures.calibrate.rotation_run import MeasuredAngle, RotationRun
 from daemon.procedures.calibrate.targets import Mark, choose_mark
-from daemon.procedures.move_sequence import Tour, shifted
-from daemon.storage.calibration_records import Circle, Landing, RotationRecord
+from daemon.procedures.move_sequence import MoveSequence, shifted
+from daemon.storage.calibration_records import Circle, RotationRecord, TrialLanding
 from daemon.storage.calibration_resume import Partial
 from daemon.wire.requests import Calibrate
 from vision.geometry.pose_map import PoseMap
@@ -38,58 +38,58 @@ MAX_LANDING_UM = 200.0
 """The thesis' own bound on a first landing."""
 
 
-async def calibrate_rotation(job: Job, bench: Bench, request: Calibrate) -> Outcome:
+async def calibrate_rotation(job: JobContext, context: StationContext, request: Calibrate) -> Outcome:
     """Calibrate the head's rotation on the control point; the old calibration stays unless the new one is good."""
-    mark = choose_mark(bench.config, bench.geometry, None)
-    bench.calibrations.require_probe()
-    await bench.station.require_homed(job.watch, job.deadline)
-    theta = bench.config.axes.theta
+    mark = choose_mark(context.config, context.geometry, None)
+    context.calibrations.require_probe()
+    await context.station.require_homed(job.watch, job.deadline)
+    theta = context.config.axes.theta
     angles = plan_angles(request.angles, request.every_deg, theta.minimum, theta.maximum)
-    _check_reach(bench, mark, angles)
+    _check_reach(context, mark, angles)
     job.fire(Event.ACCEPTED)
-    tour, began = Tour(job, bench), Began.now(job)
-    run = RotationRun(tour, mark, await _map(tour, mark, angles[0]), angles, spare_steps=CHECKS)
+    sequence, began = MoveSequence(job, context), Began.now(job)
+    run = RotationRun(sequence, mark, await _map(sequence, mark, angles[0]), angles, spare_steps=CHECKS)
     resumed = await run.measure(resume=request.resume)
-    prior = bench.geometry.head
+    prior = context.geometry.head
     fit = fit_or_refuse(run.measured, request.model)
     landings = await _try_out(run, fit, between(angles, CHECKS))
-    record = _record(run, fit, began.facts(job, bench), prior, landings)
-    kept = await keep(bench, record)
-    await asyncio.to_thread(Partial.forget, bench.calibrations.folder)
+    record = _record(run, fit, began.facts(job, context), prior, landings)
+    kept = await keep(context, record)
+    await asyncio.to_thread(Partial.forget, context.calibrations.folder)
     return Outcome("calibrated", detail=_told(record) | {"resumed": resumed} | kept)
 
 
-def _check_reach(bench: Bench, mark: Mark, angles: Sequence[float]) -> None:
+def _check_reach(context: StationContext, mark: Mark, angles: Sequence[float]) -> None:
     """See that the head may stand everywhere round the mark before it moves at all."""
-    r = bench.config.servo.max_placement_um
+    r = context.config.servo.max_placement_um
     for angle in angles:
-        over = bench.geometry.position_at(mark.place_um, angle)
+        over = context.geometry.position_at(mark.place_um, angle)
         for dx, dy in ((-r, -r), (r, r)):
-            bench.station.check(shifted(over, dx, dy))
+            context.station.check(shifted(over, dx, dy))
 
 
-async def _map(tour: Tour, mark: Mark, theta_deg: float) -> PoseMap:
+async def _map(sequence: MoveSequence, mark: Mark, theta_deg: float) -> PoseMap:
     """Return the map in force; where there is none, walk one on the control point itself."""
-    bench = tour.bench
+    context = sequence.context
     try:
-        return bench.calibrations.require_map(bench.config.servo.calibration_days, bench.config.gantry.work_z_um)
+        return context.calibrations.require_map(context.config.servo.calibration_days, context.config.gantry.work_z_um)
     except Fault as missing:
-        if missing.kind is not Kind.NOT_CALIBRATED:
+        if missing.kind is not FaultCode.NOT_CALIBRATED:
             raise
-    await walk_and_keep(tour.job, bench, Walk(tour, mark, theta_deg), mark)
-    return bench.calibrations.require_map(bench.config.servo.calibration_days, bench.config.gantry.work_z_um)
+    await walk_and_keep(sequence.job, context, Walk(sequence, mark, theta_deg), mark)
+    return context.calibrations.require_map(context.config.servo.calibration_days, context.config.gantry.work_z_um)
 
 
-def fit_or_refuse(measured: Measured, model: Choice) -> HeadFit:
+def fit_or_refuse(measured: MeasuredAngle, model: Choice) -> HeadFit:
     """Fit the head; refuse a fit that predicts badly."""
     rows = np.array([(s.theta_deg, s.x_um, s.y_um) for s in measured.stops])
     try:
         fit = fit_head(*rows.T, model=model)
     except ValueError as exc:
-        raise Fault(Kind.CALIBRATION_FAILED, f"the head cannot be fitted: {exc}") from exc
+        raise Fault(FaultCode.CALIBRATION_FAILED, f"the head cannot be fitted: {exc}") from exc
     if not fit.holdout_rms_um <= MAX_HOLDOUT_UM:
         raise Fault(
-            Kind.CALIBRATION_FAILED,
+            FaultCode.CALIBRATION_FAILED,
             f"angles left out of the fit are predicted to {fit.holdout_rms_um:.0f} um only; "
             f"{MAX_HOLDOUT_UM:.0f} um are allowed",
             advice="take more angles; if that does not help, look for play in the head",
@@ -98,14 +98,14 @@ def fit_or_refuse(measured: Measured, model: Choice) -> HeadFit:
     return fit
 
 
-async def _try_out(run: RotationRun, fit: HeadFit, angles: list[float]) -> list[Landing]:
+async def _try_out(run: RotationRun, fit: HeadFit, angles: list[float]) -> list[TrialLanding]:
     """Jump to the mark by the new model at angles it has not seen; refuse it if a jump misses by far."""
     landings = await run.land(fit.head, fit.control_um, angles)
     worst_um = max((math.hypot(one.dx_um, one.dy_um) for one in landings), default=math.inf)
     if worst_um > MAX_LANDING_UM:
         fact = f"a landing by the new head model missed by {worst_um:.0f} um"
         raise Fault(
-            Kind.CALIBRATION_FAILED,
+            FaultCode.CALIBRATION_FAILED,
             fact if landings else "no landing by the new head model could be seen",
             advice="look for what moved during the run, `home`, and calibrate again",
         )
@@ -113,7 +113,7 @@ async def _try_out(run: RotationRun, fit: HeadFit, angles: list[float]) -> list[
 
 
 def _record(
-    run: RotationRun, fit: HeadFit, facts: dict[str, object], prior: Head, after: list[Landing]
+    run: RotationRun, fit: HeadFit, facts: dict[str, object], prior: Head, after: list[TrialLanding]
 ) -> RotationRecord:
     """Return what is kept."""
     measured = run.measured
@@ -141,7 +141,7 @@ def _record(
     )
 
 
-def _before(measured: Measured, head: Head) -> list[Landing]:
+def _before(measured: MeasuredAngle, head: Head) -> list[TrialLanding]:
     """Return the landings that the head model in force so far gives at the stops, about their middle.
 
     The middle is taken off because where the print lies was not known any better.
@@ -149,7 +149,7 @@ def _before(measured: Measured, head: Head) -> list[Landing]:
     tips = np.array([np.add((s.x_um, s.y_um), head.tip_offset_um(s.theta_deg)) for s in measured.stops])
     off = tips.mean(axis=0) - tips
     return [
-        Landing(theta_deg=s.theta_deg, dx_um=float(dx), dy_um=float(dy))
+        TrialLanding(theta_deg=s.theta_deg, dx_um=float(dx), dy_um=float(dy))
         for s, (dx, dy) in zip(measured.stops, off, strict=True)
     ]
 

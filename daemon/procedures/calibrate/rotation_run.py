@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from daemon.domain.errors import Fault, Kind
+from daemon.domain.errors import Fault, FaultCode
 from daemon.procedures.calibrate.targets import Mark, Sight
-from daemon.procedures.move_sequence import Tour, shifted
+from daemon.procedures.move_sequence import MoveSequence, shifted
 from daemon.procedures.surface_touch import card_height_um
-from daemon.storage.calibration_records import Landing, Seen, Stop
+from daemon.storage.calibration_records import SeenTarget, Stop, TrialLanding
 from daemon.storage.calibration_resume import Partial
 from drivers.gantry import Position
 from vision.geometry.frames import Array
@@ -36,23 +36,25 @@ MAX_MISSED_SHARE = 0.15
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredAngle:
     """What a run has brought so far."""
 
     card_height_um: float = 0.0
     stops: tuple[Stop, ...] = ()
-    sightings: tuple[Seen, ...] = ()
+    sightings: tuple[SeenTarget, ...] = ()
 
 
 class RotationRun:
     """The visits of one run. `spare_steps`: what its owner will still do after `measure`, for the bar."""
 
-    def __init__(self, tour: Tour, mark: Mark, pose_map: PoseMap, angles: list[float], *, spare_steps: int) -> None:
-        self.mark, self.measured, self.closure_um = mark, Measured(), math.nan
-        self._tour, self._map, self._angles = tour, pose_map, angles
-        self._job, self._bench = tour.job, tour.bench
+    def __init__(
+        self, sequence: MoveSequence, mark: Mark, pose_map: PoseMap, angles: list[float], *, spare_steps: int
+    ) -> None:
+        self.mark, self.measured, self.closure_um = mark, MeasuredAngle(), math.nan
+        self._sequence, self._map, self._angles = sequence, pose_map, angles
+        self._job, self._context = sequence.job, sequence.context
         self._steps = len(angles) + spare_steps + 1
-        self._head: Head = tour.bench.geometry.head
+        self._head: Head = sequence.context.geometry.head
         self._control_um: Array = np.asarray(mark.place_um, dtype=float)
         """Where the mark seems to be by the head known so far; it follows the run-out from stop to stop."""
         self._missed: list[float] = []
@@ -72,7 +74,7 @@ class RotationRun:
         await self._close()
         return resumed
 
-    async def land(self, head: Head, control_um: ArrayLike, angles: list[float]) -> list[Landing]:
+    async def land(self, head: Head, control_um: ArrayLike, angles: list[float]) -> list[TrialLanding]:
         """Jump to the mark by another head model, once an angle, and return where the tip came to be from it."""
         self._head, self._control_um = head, np.asarray(control_um, dtype=float)
         landings = []
@@ -81,17 +83,17 @@ class RotationRun:
             sight = await self._look_from(self._over(angle), REACH_PX)
             if isinstance(sight, Sight):
                 dx_um, dy_um = self._off(sight)
-                landings.append(Landing(theta_deg=angle, dx_um=-dx_um, dy_um=-dy_um))
+                landings.append(TrialLanding(theta_deg=angle, dx_um=-dx_um, dy_um=-dy_um))
         return landings
 
     async def _begin(self) -> None:
         """Find the mark at the first angle, wherever it lies within reach, and measure how high its surface is."""
-        self.measured, self._control_um = Measured(), np.asarray(self.mark.place_um, dtype=float)
-        servo, camera = self._bench.config.servo, self._bench.config.camera
+        self.measured, self._control_um = MeasuredAngle(), np.asarray(self.mark.place_um, dtype=float)
+        servo, camera = self._context.config.servo, self._context.config.camera
         first = await self._stop_at(self._angles[0], 2 * servo.max_placement_um / camera.pitch_um)
         if isinstance(first, str):
             raise _lost(f"the {self.mark.name} was not seen at {self._angles[0]:.1f} deg: {first}")
-        height_um = await card_height_um(self._tour, self._map, self._over(self._angles[0]))
+        height_um = await card_height_um(self._sequence, self._map, self._over(self._angles[0]))
         self.measured = replace(self.measured, card_height_um=height_um)
 
     async def _visit(self, angle: float) -> None:
@@ -106,7 +108,7 @@ class RotationRun:
         stop, seen = found
         so_far = self.measured
         self.measured = replace(so_far, stops=(*so_far.stops, stop), sightings=(*so_far.sightings, seen))
-        await asyncio.to_thread(self._partial().write, self._bench.calibrations.folder)
+        await asyncio.to_thread(self._partial().write, self._context.calibrations.folder)
 
     async def _close(self) -> None:
         """Visit the first angle again."""
@@ -118,7 +120,7 @@ class RotationRun:
         self.closure_um = away
         if away > MAX_CLOSURE_UM:
             raise Fault(
-                Kind.CALIBRATION_FAILED,
+                FaultCode.CALIBRATION_FAILED,
                 f"at {first.theta_deg:.1f} deg the {self.mark.name} is {away:.0f} um from where it was at the start",
                 advice="it moved or an axis slipped: fix the print, `home`, and calibrate again",
                 closure_um=round(away, 1),
@@ -126,7 +128,7 @@ class RotationRun:
 
     # --- one angle ----------------------------------------------------------------------------------------------
 
-    async def _stop_at(self, angle: float, reach_px: float) -> tuple[Stop, Seen] | str:
+    async def _stop_at(self, angle: float, reach_px: float) -> tuple[Stop, SeenTarget] | str:
         """Bring the tip onto the mark at one head angle; return what was measured, or why it was not seen."""
         target, first_off_um, looks = self._over(angle), math.nan, 0
         while True:
@@ -143,15 +145,15 @@ class RotationRun:
                 break
         self._control_um = np.add((target.x_um, target.y_um), self._head.tip_offset_um(angle))
         stop = Stop(theta_deg=angle, x_um=target.x_um, y_um=target.y_um, off_um=round(first_off_um, 2), looks=looks)
-        return stop, Seen(theta_deg=angle, target_px=sight.target_px, x_um=at.x_um, y_um=at.y_um)
+        return stop, SeenTarget(theta_deg=angle, target_px=sight.target_px, x_um=at.x_um, y_um=at.y_um)
 
     async def _look_from(self, target: Position, reach_px: float) -> Sight | str:
         """Go there and look; if the needle hides the mark, look from beside; return why if it is seen from nowhere."""
         why = ""
         offset = self._map.below_px(self.measured.card_height_um)
         for dx_um, dy_um in ASIDE_UM:
-            position = await self._tour.go(shifted(target, dx_um, dy_um))
-            seen = await self.mark.see(self._job, self._bench, position, offset, reach_px)
+            position = await self._sequence.go(shifted(target, dx_um, dy_um))
+            seen = await self.mark.see(self._job, self._context, position, offset, reach_px)
             if isinstance(seen, Sight):
                 return seen
             why = why or seen.why
@@ -159,7 +161,7 @@ class RotationRun:
 
     def _off(self, sight: Sight) -> tuple[float, float]:
         """Return the way from the tip to the mark, robot frame, um."""
-        tip_px = self._bench.calibrations.require_probe().tip_px
+        tip_px = self._context.calibrations.require_probe().tip_px
         way = self._map.correction(
             sight.target_px, tip_px, sight.position.theta_deg, sight.sigma_px, height_um=self.measured.card_height_um
         )
@@ -168,11 +170,11 @@ class RotationRun:
     def _over(self, angle: float) -> Position:
         """Return where the head should stand for the tip to be on the mark, by all that is known so far."""
         x_um, y_um = self._control_um - self._head.tip_offset_um(angle)
-        return Position(float(x_um), float(y_um), self._bench.config.gantry.work_z_um, angle)
+        return Position(float(x_um), float(y_um), self._context.config.gantry.work_z_um, angle)
 
     async def _moved_um(self, stop: Stop) -> float | str:
         """Measure a stop again; return how far it is from where it was, or why it was not seen."""
-        place = Position(stop.x_um, stop.y_um, self._bench.config.gantry.work_z_um, stop.theta_deg)
+        place = Position(stop.x_um, stop.y_um, self._context.config.gantry.work_z_um, stop.theta_deg)
         sight = await self._look_from(place, REACH_PX)
         if isinstance(sight, str):
             return sight
@@ -183,11 +185,11 @@ class RotationRun:
 
     def _partial(self) -> Partial:
         """Return what to keep of this run."""
-        bench = self._bench
+        context = self._context
         return Partial(
-            station=bench.config.station.name,
-            probe=bench.calibrations.fingerprint,
-            map_made_at=str(bench.calibrations.mapped_at),
+            station=context.config.station.name,
+            probe=context.calibrations.fingerprint,
+            map_made_at=str(context.calibrations.mapped_at),
             control_um=self.mark.place_um,
             angles=tuple(self._angles),
             card_height_um=self.measured.card_height_um,
@@ -197,10 +199,10 @@ class RotationRun:
 
     async def _resume(self) -> bool:
         """Take over what an interrupted run of the same kind left, if its last stop is still where it was."""
-        partial = await asyncio.to_thread(Partial.read, self._bench.calibrations.folder)
+        partial = await asyncio.to_thread(Partial.read, self._context.calibrations.folder)
         if partial is None or not partial.stops or not partial.same_run(self._partial()):
             return False
-        left = Measured(partial.card_height_um, partial.stops, partial.sightings)
+        left = MeasuredAngle(partial.card_height_um, partial.stops, partial.sightings)
         self.measured = left
         last = left.stops[-1]
         away = await self._moved_um(last)
@@ -212,4 +214,4 @@ class RotationRun:
 
 def _lost(fact: str) -> Fault:
     advice = "see that the printed cross lies flat, clean and uncovered at its place, then calibrate again"
-    return Fault(Kind.CALIBRATION_FAILED, fact, advice=advice)
+    return Fault(FaultCode.CALIBRATION_FAILED, fact, advice=advice)

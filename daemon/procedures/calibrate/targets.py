@@ -7,11 +7,11 @@ from typing import Protocol
 
 from daemon.config.model import Config
 from daemon.domain.board import BoardPoint
-from daemon.domain.errors import Fault, Kind
-from daemon.jobs.context import Bench, Job
+from daemon.domain.errors import Fault, FaultCode
+from daemon.jobs.context import JobContext, StationContext
 from daemon.procedures.aiming import describe, refuse_unusable
 from daemon.station.kinematics import Geometry
-from daemon.station.station import CrossSearch, Look, Search
+from daemon.station.station import CrossSearch, LookResult, Search
 from drivers.gantry import Position
 from vision import ControlPoint, NotFound, Reason, TestPoint, Tip
 
@@ -61,7 +61,12 @@ class Mark(Protocol):
         """Its width: as far to the side it is clear of the needle's taper."""
 
     async def see(
-        self, job: Job, bench: Bench, position: Position, offset_px: tuple[float, float], reach_px: float
+        self,
+        job: JobContext,
+        context: StationContext,
+        position: Position,
+        offset_px: tuple[float, float],
+        reach_px: float,
     ) -> Sight | Unseen:
         """Look once from `position`, for the mark within `reach_px` of the place `offset_px` from the tip."""
 
@@ -84,20 +89,25 @@ class RoundMark:
         return self.point.diameter_um
 
     async def see(
-        self, job: Job, bench: Bench, position: Position, offset_px: tuple[float, float], reach_px: float
+        self,
+        job: JobContext,
+        context: StationContext,
+        position: Position,
+        offset_px: tuple[float, float],
+        reach_px: float,
     ) -> Sight | Unseen:
         """Take a look in both lights."""
-        expected_px = self.point.diameter_um / 2 / bench.config.camera.pitch_um
-        probe = bench.calibrations.require_probe()
+        expected_px = self.point.diameter_um / 2 / context.config.camera.pitch_um
+        probe = context.calibrations.require_probe()
         search = Search(offset_px, reach_px, expected_px)
-        look = await bench.station.look(position, probe, search, job.watch, job.deadline)
+        look = await context.station.look(position, probe, search, job.watch, job.deadline)
         job.saw(look)
         target = look.seen.nearest if look.seen is not None else None
         found = target if isinstance(target, TestPoint) else None
         job.note("look", describe(look, found, None))
         if isinstance(found, TestPoint) and found.visible < MIN_VISIBLE:
             return Unseen("the needle hides too much of it")
-        return _sight(look, target, bench)
+        return _sight(look, target, context)
 
 
 @dataclass(frozen=True)
@@ -118,17 +128,22 @@ class CrossMark:
         return 2 * self.arm_um
 
     async def see(
-        self, job: Job, bench: Bench, position: Position, offset_px: tuple[float, float], reach_px: float
+        self,
+        job: JobContext,
+        context: StationContext,
+        position: Position,
+        offset_px: tuple[float, float],
+        reach_px: float,
     ) -> Sight | Unseen:
         """Take one white picture."""
-        search = CrossSearch(offset_px, reach_px, self.arm_um / bench.config.camera.pitch_um)
-        probe = bench.calibrations.require_probe()
-        look = await bench.station.look_white(position, probe, search, job.watch, job.deadline)
+        search = CrossSearch(offset_px, reach_px, self.arm_um / context.config.camera.pitch_um)
+        probe = context.calibrations.require_probe()
+        look = await context.station.look_white(position, probe, search, job.watch, job.deadline)
         job.saw(look)
         job.note("look", describe(look, None, None))
         if isinstance(look.cross, ControlPoint) and look.cross.sigma_px > MAX_CROSS_SIGMA_PX:
             return Unseen(f"its centre is known to {look.cross.sigma_px:.1f} px only; is it sharp, clean and flat?")
-        return _sight(look, look.cross, bench)
+        return _sight(look, look.cross, context)
 
 
 def choose_mark(config: Config, geometry: Geometry, point: BoardPoint | None) -> Mark:
@@ -139,14 +154,16 @@ def choose_mark(config: Config, geometry: Geometry, point: BoardPoint | None) ->
     cross = config.control_point
     if cross is None:
         raise Fault(
-            Kind.NOT_CALIBRATED,
+            FaultCode.NOT_CALIBRATED,
             "the configuration has no [control_point]",
             advice="fix the printed cross beside the board and write its place into station.toml",
         )
     return CrossMark(cross.place_um, cross.arm_um)
 
 
-def _sight(look: Look, target: TestPoint | ControlPoint | NotFound | None, bench: Bench) -> Sight | Unseen:
+def _sight(
+    look: LookResult, target: TestPoint | ControlPoint | NotFound | None, context: StationContext
+) -> Sight | Unseen:
     """Put tip and mark together; a picture that is no good anywhere is a fault at once."""
     if not isinstance(look.tip, Tip) or not isinstance(target, TestPoint | ControlPoint):
         missing = target if isinstance(look.tip, Tip) else look.tip
@@ -157,7 +174,7 @@ def _sight(look: Look, target: TestPoint | ControlPoint | NotFound | None, bench
         if missing.reason is not Reason.OUT_OF_FRAME and not bare:
             refuse_unusable(missing)
         return Unseen(missing.message if missing is target else f"the tip was not found: {missing.message}")
-    x, y = bench.calibrations.require_probe().tip_px
+    x, y = context.calibrations.require_probe().tip_px
     shift = x - look.tip.x_px, y - look.tip.y_px
     sigma_px = (look.tip.sigma_px**2 + target.sigma_px**2) ** 0.5
     return Sight(look.tip, (target.x_px + shift[0], target.y_px + shift[1]), sigma_px, look.position)

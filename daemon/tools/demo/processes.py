@@ -102,7 +102,7 @@ def wait_for_daemon(process: Process, control: str) -> None:
     raise StartError(f"the daemon was not ready within {READY_WITHIN_S:g} s: {process.last_words()}")
 
 
-class Bench:
+class DemoBench:
     """The simulated station's bench socket: what a person with a microscope would know. The daemon never sees it."""
 
     def __init__(self, endpoint: str) -> None:

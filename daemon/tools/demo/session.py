@@ -16,7 +16,7 @@ from typing import Any
 from daemon.client import Client
 from daemon.domain.board import Board, BoardPoint
 from daemon.domain.results import JobResult
-from daemon.tools.demo.processes import Bench
+from daemon.tools.demo.processes import DemoBench
 
 CLICK_ERROR_PX, CLICKS = 0.4, 5
 """A person who points at the needle's end in a magnified picture is off by this much (1 sigma), and clicks so often."""
@@ -85,7 +85,7 @@ def choose_mark(board: Board) -> BoardPoint:
     return max(marks, key=lambda p: (p.kind == "fiducial", min(solitude_um(board, p), 4000.0), -p.diameter_um))
 
 
-def point_at_tip(bench: Bench, chance: random.Random) -> list[float]:
+def point_at_tip(bench: DemoBench, chance: random.Random) -> list[float]:
     """Point at the needle's end as a person would on the page: well but not perfectly, a few times; return the mean."""
     true_px = bench.ask("status")["tip_px"]
     clicks = [[at + chance.gauss(0, CLICK_ERROR_PX) for at in true_px] for _ in range(CLICKS)]
@@ -95,7 +95,7 @@ def point_at_tip(bench: Bench, chance: random.Random) -> list[float]:
 class Session:
     """Set up and test; each step is told through `say`."""
 
-    def __init__(self, client: Client, bench: Bench, board: Board, seed: int, say: Say) -> None:
+    def __init__(self, client: Client, bench: DemoBench, board: Board, seed: int, say: Say) -> None:
         self._client, self._bench, self._board, self._say = client, bench, board, say
         self._random = random.Random(seed)  # noqa: S311  # a repeatable demonstration, not a secret
         self._seed = seed

@@ -18,7 +18,7 @@ from serial.tools import list_ports
 
 from daemon.config.model import Config
 from daemon.storage.calibration_store import Calibrations
-from daemon.tools.doctor.findings import Findings
+from daemon.tools.doctor.findings import CheckResults
 
 LEAST_FREE_MB, ADVISED_FREE_MB = 200.0, 1000.0
 EARLIEST = datetime(2024, 1, 1, tzinfo=UTC)
@@ -26,7 +26,7 @@ CLOCK_UNSYNCHRONIZED = 5
 """What adjtimex(2) returns then (TIME_ERROR)."""
 
 
-def examine_computer(findings: Findings, config: Config) -> None:
+def examine_computer(findings: CheckResults, config: Config) -> None:
     """Check all that can be checked without opening a device."""
     list_serial_ports(findings)
     list_cameras(findings)
@@ -47,7 +47,7 @@ def devices_of(config: Config) -> Iterator[tuple[str, str, str]]:
         yield "camera device", config.camera.device, "video"
 
 
-def list_serial_ports(findings: Findings) -> None:
+def list_serial_ports(findings: CheckResults) -> None:
     """Say which serial ports there are, with the names that stay the same."""
     by_id = _stable_names(Path("/dev/serial/by-id"))
     ports = sorted(list_ports.comports(), key=lambda port: port.device)
@@ -55,7 +55,7 @@ def list_serial_ports(findings: Findings) -> None:
     findings.ok("serial ports", "; ".join(shown) or "none with hardware behind it")
 
 
-def list_cameras(findings: Findings) -> None:
+def list_cameras(findings: CheckResults) -> None:
     """Say which cameras there are."""
     by_id = _stable_names(Path("/dev/v4l/by-id"))
     shown = []
@@ -76,7 +76,7 @@ def _text(file: Path) -> str:
         return "unnamed"
 
 
-def examine_device(findings: Findings, about: str, device: Path, group: str) -> None:
+def examine_device(findings: CheckResults, about: str, device: Path, group: str) -> None:
     """Check that a device is there, may be used, and that nobody else has it."""
     if not device.exists():
         findings.fail(about, f"{device} is not there", "plug it in, or correct its name in the configuration")
@@ -141,7 +141,7 @@ def _leads_to(handle: Path, device: Path) -> bool:
         return False
 
 
-def examine_data_dir(findings: Findings, config: Config) -> None:
+def examine_data_dir(findings: CheckResults, config: Config) -> None:
     """Check that journal and pictures can be kept, by whom they can be read, and for how long."""
     folder = config.station.data_dir
     there = next(place for place in (folder, *folder.parents) if place.exists())
@@ -161,7 +161,7 @@ def examine_data_dir(findings: Findings, config: Config) -> None:
     )  # fmt: skip
 
 
-def examine_time(findings: Findings, config: Config) -> None:
+def examine_time(findings: CheckResults, config: Config) -> None:
     """Check the clocks: steady, set by the network, and not before what was calibrated."""
     first, second = time.monotonic(), time.monotonic()
     resolution_ms = time.get_clock_info("monotonic").resolution * 1e3

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from daemon.tools.doctor.findings import Findings
+from daemon.tools.doctor.findings import CheckResults
 from drivers.bus import ModbusBus
 from drivers.deadline import Deadline
 from drivers.errors import DeviceError
@@ -13,7 +13,7 @@ from drivers.l4118 import Axis
 START_WITHIN_S, ASK_WITHIN_S = 15.0, 5.0
 
 
-async def examine_axis(findings: Findings, axis: Axis) -> None:
+async def examine_axis(findings: CheckResults, axis: Axis) -> None:
     """Identify one drive, let the driver settle and test its mapping, and read how it is."""
     about = f"axis {axis.config.name}"
     try:
@@ -40,7 +40,7 @@ async def examine_axis(findings: Findings, axis: Axis) -> None:
         findings.ok(f"{about} state", f"{health.state}, {homed}")
 
 
-def examine_line(findings: Findings, buses: Mapping[str, ModbusBus]) -> None:
+def examine_line(findings: CheckResults, buses: Mapping[str, ModbusBus]) -> None:
     """Judge each line by how it did during the examination."""
     for name, bus in buses.items():
         seen = bus.statistics

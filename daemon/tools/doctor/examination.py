@@ -13,7 +13,7 @@ from daemon.domain.board import Board
 from daemon.station.devices import make_axes, make_camera, open_buses, open_lights
 from daemon.tools.doctor.computer import devices_of, examine_computer, in_use
 from daemon.tools.doctor.drives import examine_axis, examine_line
-from daemon.tools.doctor.findings import Findings
+from daemon.tools.doctor.findings import CheckResults
 from daemon.tools.doctor.seeing import examine_lights, examine_rate, examine_settings
 from daemon.wire.curve_keys import KeyTrouble
 from drivers.bus import ModbusBus
@@ -24,9 +24,9 @@ from drivers.errors import DeviceError
 ASK_WITHIN_S, OPEN_WITHIN_S = 1.5, 12.0
 
 
-def examine(config_file: Path) -> Findings:
+def examine(config_file: Path) -> CheckResults:
     """Examine a station; whatever is wrong becomes a finding."""
-    findings = Findings()
+    findings = CheckResults()
     try:
         config = load_config(config_file)
     except ConfigError as exc:
@@ -51,7 +51,7 @@ def examine(config_file: Path) -> Findings:
     return findings
 
 
-def _ask_daemon(findings: Findings, config: Config) -> bool:
+def _ask_daemon(findings: CheckResults, config: Config) -> bool:
     """If a daemon runs on this station, note what it says of itself; tell whether one does."""
     about = "running daemon"
     try:
@@ -80,7 +80,7 @@ def _ask_daemon(findings: Findings, config: Config) -> bool:
     return True
 
 
-async def _examine_devices(findings: Findings, config: Config) -> None:
+async def _examine_devices(findings: CheckResults, config: Config) -> None:
     async with AsyncExitStack() as stack:
         buses = await _open_buses(findings, config, stack)
         if buses is not None:
@@ -92,7 +92,7 @@ async def _examine_devices(findings: Findings, config: Config) -> None:
             examine_line(findings, buses)
 
 
-async def _open_buses(findings: Findings, config: Config, stack: AsyncExitStack) -> dict[str, ModbusBus] | None:
+async def _open_buses(findings: CheckResults, config: Config, stack: AsyncExitStack) -> dict[str, ModbusBus] | None:
     try:
         buses = await open_buses(config, stack)
     except DeviceError as exc:
@@ -103,7 +103,7 @@ async def _open_buses(findings: Findings, config: Config, stack: AsyncExitStack)
     return buses
 
 
-async def _open_camera(findings: Findings, config: Config, stack: AsyncExitStack) -> Camera | None:
+async def _open_camera(findings: CheckResults, config: Config, stack: AsyncExitStack) -> Camera | None:
     camera = make_camera(config.camera)
     try:
         await camera.open(Deadline.after(OPEN_WITHIN_S))
@@ -121,7 +121,11 @@ async def _open_camera(findings: Findings, config: Config, stack: AsyncExitStack
 
 
 async def _examine_seeing(
-    findings: Findings, config: Config, camera: Camera | None, buses: dict[str, ModbusBus] | None, stack: AsyncExitStack
+    findings: CheckResults,
+    config: Config,
+    camera: Camera | None,
+    buses: dict[str, ModbusBus] | None,
+    stack: AsyncExitStack,
 ) -> None:
     if config.lights.kind == "modbus" and buses is None:
         findings.warn("lights", "not examined: their bus is not open", "see the bus above")

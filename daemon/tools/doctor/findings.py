@@ -9,7 +9,7 @@ Verdict = Literal["ok", "warn", "fail"]
 
 
 @dataclass(frozen=True)
-class Finding:
+class CheckResult:
     """One check: what it was about, how it stands, what was found, what to do."""
 
     about: str
@@ -19,26 +19,26 @@ class Finding:
 
 
 @dataclass
-class Findings:
+class CheckResults:
     """All of them, in the order in which they were made."""
 
-    checks: list[Finding] = field(default_factory=list)
+    checks: list[CheckResult] = field(default_factory=list)
 
     def ok(self, about: str, found: str) -> None:
         """Note what is well."""
-        self.checks.append(Finding(about, "ok", found))
+        self.checks.append(CheckResult(about, "ok", found))
 
     def warn(self, about: str, found: str, advice: str) -> None:
         """Note what a person should know; the station works."""
-        self.checks.append(Finding(about, "warn", found, advice))
+        self.checks.append(CheckResult(about, "warn", found, advice))
 
     def fail(self, about: str, found: str, advice: str) -> None:
         """Note what keeps the station from working."""
-        self.checks.append(Finding(about, "fail", found, advice))
+        self.checks.append(CheckResult(about, "fail", found, advice))
 
     def judge(self, about: str, found: str, *, good: bool, advice: str, otherwise: Verdict = "fail") -> None:
         """Note one or the other."""
-        self.checks.append(Finding(about, "ok" if good else otherwise, found, "" if good else advice))
+        self.checks.append(CheckResult(about, "ok" if good else otherwise, found, "" if good else advice))
 
     @property
     def good(self) -> bool:

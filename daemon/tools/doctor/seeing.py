@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from daemon.config.model import CameraSection
-from daemon.tools.doctor.findings import Findings
+from daemon.tools.doctor.findings import CheckResults
 from drivers.camera import Camera, Frame
 from drivers.deadline import Deadline
 from drivers.errors import DeviceError
@@ -44,7 +44,7 @@ class Levels:
         return (self.blue + self.green + self.red) / 3
 
 
-def examine_settings(findings: Findings, camera: Camera, section: CameraSection) -> None:
+def examine_settings(findings: CheckResults, camera: Camera, section: CameraSection) -> None:
     """Compare what the camera reads back with what it was told."""
     got = camera.settings()
     size = tuple(None if got.get(name) is None else round(float(got[name] or 0)) for name in ("width_px", "height_px"))
@@ -72,7 +72,7 @@ def examine_settings(findings: Findings, camera: Camera, section: CameraSection)
             findings.fail(f"camera {automatic}", f"on, although camera.{field} is set", advice)
 
 
-async def examine_rate(findings: Findings, camera: Camera) -> None:
+async def examine_rate(findings: CheckResults, camera: Camera) -> None:
     """Count frames by the clock and by their own time stamps."""
     before, began_s = camera.statistics(), time.monotonic()
     await asyncio.sleep(RATE_S)
@@ -102,7 +102,7 @@ async def _frames(camera: Camera, count: int) -> list[Frame]:
     return frames
 
 
-async def examine_lights(findings: Findings, camera: Camera, lights: Lights) -> None:
+async def examine_lights(findings: CheckResults, camera: Camera, lights: Lights) -> None:
     """Switch each lamp and see it in the picture; the same lamp again has to be as bright: the exposure is locked."""
     try:
         dark = await _lit(camera, lights, Light.OFF)

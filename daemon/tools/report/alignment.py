@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from daemon.procedures.align import MAX_RESIDUAL_UM, MAX_SCALE_ERROR
 from daemon.storage.calibration_records import AlignmentRecord
-from daemon.tools.report.page import Number, Plot, Verdict
+from daemon.tools.report.page import Number, PageVerdict, Plot
 from daemon.tools.report.svg import INK, MAIN, SECOND, TIMES, new_figure, to_svg
 from vision.geometry.frames import Array
 
@@ -30,7 +30,7 @@ def _lengths_um(record: AlignmentRecord) -> Array:
     return np.array([math.hypot(*fiducial.residual_um) for fiducial in record.fiducials])
 
 
-def verdict(record: AlignmentRecord) -> Verdict:
+def verdict(record: AlignmentRecord) -> PageVerdict:
     """Judge by the largest residual and the scale."""
     worst = float(_lengths_um(record).max())
     good = worst <= MAX_RESIDUAL_UM and abs(_ppm(record)) <= SCALE_LIMIT_PPM
@@ -39,7 +39,7 @@ def verdict(record: AlignmentRecord) -> Verdict:
         f"rms, {worst:.1f} um at most (limit {MAX_RESIDUAL_UM:.0f} um), at a scale {_ppm(record):+.0f} ppm from 1 "
         f"(limit {SCALE_LIMIT_PPM:.0f} ppm)."
     )
-    return Verdict(good, because)
+    return PageVerdict(good, because)
 
 
 def numbers(record: AlignmentRecord) -> tuple[Number, ...]:

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from daemon.storage.calibration_records import AxisBacklash, BacklashRecord
-from daemon.tools.report.page import Number, Plot, Verdict
+from daemon.tools.report.page import Number, PageVerdict, Plot
 from daemon.tools.report.svg import INK, MUTED, SECOND, WARM, new_figure, to_svg
 
 SUBJECT: Final = "Play of X and Y"
@@ -29,12 +29,12 @@ def _at_most_um(axis: AxisBacklash) -> float:
     return abs(axis.backlash_um) + SIGMAS * axis.sigma_um
 
 
-def verdict(record: BacklashRecord) -> Verdict:
+def verdict(record: BacklashRecord) -> PageVerdict:
     """Judge by whether the one-sided approach overshoots more than any play."""
     good = all(_at_most_um(axis) < record.approach_um for _, axis in _axes(record))
     plays = ", ".join(f"{name} {axis.backlash_um:.1f} ± {axis.sigma_um:.1f} um" for name, axis in _axes(record))
     covers = "is larger than any of it" if good else "does not cover it: lengthen approach_um"
-    return Verdict(good, f"Play: {plays}. The one-sided approach of {record.approach_um:.0f} um {covers}.")
+    return PageVerdict(good, f"Play: {plays}. The one-sided approach of {record.approach_um:.0f} um {covers}.")
 
 
 def numbers(record: BacklashRecord) -> tuple[Number, ...]:

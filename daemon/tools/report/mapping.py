@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 
 from daemon.procedures.calibrate.pose_map import MAX_RESIDUAL_UM
 from daemon.storage.calibration_records import MapRecord
-from daemon.tools.report.page import Number, Plot, Verdict
+from daemon.tools.report.page import Number, PageVerdict, Plot
 from daemon.tools.report.svg import BAD, INK, MAIN, MUTED, SECOND, TIMES, new_figure, to_svg
 from vision.geometry.frames import Array, rotation
 from vision.geometry.homography import jacobian
@@ -107,12 +107,12 @@ def drift(now: Mapped, before: Mapped) -> MapDrift:
     return MapDrift(at_px, new - old)
 
 
-def verdict(record: MapRecord) -> Verdict:
+def verdict(record: MapRecord) -> PageVerdict:
     """Judge by what the fit left."""
     left = Mapped.of(record).pose_map.residual_um
     seen = f"{len(record.sightings)} sightings of {record.mark}"
     because = f"{seen} leave {left:.1f} um rms (limit {MAX_RESIDUAL_UM:.0f} um)."
-    return Verdict(left <= MAX_RESIDUAL_UM, because)
+    return PageVerdict(left <= MAX_RESIDUAL_UM, because)
 
 
 def numbers(record: MapRecord) -> tuple[Number, ...]:

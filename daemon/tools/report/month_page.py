@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from daemon.config.watch_names import GROUPS
 from daemon.platform.atomic_file import replace_whole
 from daemon.tools.report.month_facts import Course, Month
-from daemon.tools.report.page import Number, Plot, Verdict, environment, rounded, write_text
+from daemon.tools.report.page import Number, PageVerdict, Plot, environment, rounded, write_text
 from daemon.tools.report.svg import BAD, MAIN, MUTED, SECOND, new_figure, to_svg
 
 TITLES: Final = {
@@ -40,13 +40,13 @@ def write_month(month: Month, path: Path) -> None:
     replace_whole(path, lambda beside: write_text(beside, text))
 
 
-def verdict(month: Month) -> Verdict:
+def verdict(month: Month) -> PageVerdict:
     """Judge a month by what stood at its end."""
     raised = sum(line.change == "raised" for line in month.alerts)
     if not month.courses:
-        return Verdict(good=not month.still_standing, because="Nothing was measured in this month.")
+        return PageVerdict(good=not month.still_standing, because="Nothing was measured in this month.")
     stood = ", ".join(month.still_standing)
-    return Verdict(good=not stood, because=f"{stood or 'No alert'} stood at its end; {raised} were raised in it.")
+    return PageVerdict(good=not stood, because=f"{stood or 'No alert'} stood at its end; {raised} were raised in it.")
 
 
 def numbers(month: Month) -> tuple[Number, ...]:

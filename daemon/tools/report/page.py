@@ -38,7 +38,7 @@ class Plot:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class PageVerdict:
     """Good or not, and the sentence that says by what figure."""
 
     good: bool
@@ -55,7 +55,7 @@ class Page:
     station: str
     made_at: str
     job: str
-    verdict: Verdict
+    verdict: PageVerdict
     numbers: tuple[Number, ...]
     plots: tuple[Plot, ...]
     earlier: tuple[Number, ...] = ()

@@ -9,13 +9,13 @@ import numpy as np
 from daemon.procedures.calibrate.rotation import MAX_HOLDOUT_UM, MAX_LANDING_UM
 from daemon.storage.calibration_records import RotationRecord
 from daemon.tools.report import rotation_figures as figures
-from daemon.tools.report.page import Number, Plot, Verdict
+from daemon.tools.report.page import Number, PageVerdict, Plot
 from daemon.tools.report.rotation_facts import Rotation, drift, lengths_um, linearity
 
 SUBJECT: Final = "Rotation of the head"
 
 
-def verdict(record: RotationRecord) -> Verdict:
+def verdict(record: RotationRecord) -> PageVerdict:
     """Judge as the calibration does: by the hold-out error and the landings afterwards."""
     after = lengths_um(record.after)
     predicted = record.holdout_rms_um <= MAX_HOLDOUT_UM
@@ -24,11 +24,11 @@ def verdict(record: RotationRecord) -> Verdict:
         f"{record.holdout_max_um:.1f} um at most"
     )
     if not after.size:
-        return Verdict(good=False, because=f"No landing by the new model was seen; {holdout}.")
+        return PageVerdict(good=False, because=f"No landing by the new model was seen; {holdout}.")
     good = predicted and bool((after <= MAX_LANDING_UM).all())
     share = figures.share_within(record.after, MAX_LANDING_UM)
     because = f"First landings at angles that were not fitted: {share}, the farthest {after.max():.1f} um; {holdout}."
-    return Verdict(good, because)
+    return PageVerdict(good, because)
 
 
 def numbers(record: RotationRecord) -> tuple[Number, ...]:

@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from daemon.storage.calibration_records import Landing, RotationRecord, Seen
+from daemon.storage.calibration_records import RotationRecord, SeenTarget, TrialLanding
 from drivers.gantry.contract import THETA_FIRST_DEG, THETA_LAST_DEG
 from vision.geometry.frames import Array
 from vision.head.model import head_from_dict, tip_offsets_um
@@ -90,7 +90,7 @@ class Rotation:
         return float(np.sqrt((off**2).sum(axis=1).mean()))
 
 
-def lengths_um(landings: Sequence[Landing]) -> Array:
+def lengths_um(landings: Sequence[TrialLanding]) -> Array:
     """Return how far off each landing was, (N,), um."""
     return np.array([math.hypot(landing.dx_um, landing.dy_um) for landing in landings])
 
@@ -127,7 +127,7 @@ class Linearity:
 
 def linearity(record: RotationRecord) -> Linearity | None:
     """Return the pairs at the angle with most sightings; None if there are too few sightings altogether."""
-    by_angle: defaultdict[float, list[Seen]] = defaultdict(list)
+    by_angle: defaultdict[float, list[SeenTarget]] = defaultdict(list)
     for seen in record.sightings:
         by_angle[round(seen.theta_deg, 3)].append(seen)
     stops = {round(stop.theta_deg, 3): (stop.x_um, stop.y_um) for stop in record.stops}
@@ -147,7 +147,7 @@ def linearity(record: RotationRecord) -> Linearity | None:
     return Linearity(fullest if enough else None, mine[:, 0], mine[:, 1], others[:, 0], others[:, 1], slope)
 
 
-def _pairs(seen: Sequence[Seen], stop_um: tuple[float, float]) -> Array:
+def _pairs(seen: Sequence[SeenTarget], stop_um: tuple[float, float]) -> Array:
     """Return (px, um) from the sighting nearest to the stop to every other one, shape (N - 1, 2)."""
     first = min(seen, key=lambda s: math.dist((s.x_um, s.y_um), stop_um))
     rows = [

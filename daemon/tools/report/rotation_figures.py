@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle as Ring
 
-from daemon.storage.calibration_records import Landing
+from daemon.storage.calibration_records import TrialLanding
 from daemon.tools.report.page import Plot
 from daemon.tools.report.rotation_facts import (
     FORBIDDEN_DEG,
@@ -167,7 +167,7 @@ def linearity_plot(facts: Linearity) -> Plot:
     return Plot("Linearity of the map", to_svg(figure, f"Image distance against robot distance, {where}"), caption)
 
 
-def landing_plot(before: Sequence[Landing], after: Sequence[Landing]) -> Plot:
+def landing_plot(before: Sequence[TrialLanding], after: Sequence[TrialLanding]) -> Plot:
     """Draw where the tip landed by calculation alone, before and after, on one scale."""
     figure, (left, right) = new_figure(1, 2, height_in=5.4)
     farthest = max([1.15 * RINGS_UM[-1], *(float(a.max()) for a in map(lengths_um, (before, after)) if a.size)])
@@ -181,7 +181,7 @@ def landing_plot(before: Sequence[Landing], after: Sequence[Landing]) -> Plot:
     return Plot("First landings", to_svg(figure, "Landings before and after, with rings"), caption)
 
 
-def share_within(landings: Sequence[Landing], limit_um: float) -> str:
+def share_within(landings: Sequence[TrialLanding], limit_um: float) -> str:
     """Return how many landings are within a distance, in words and percent."""
     lengths = lengths_um(landings)
     if not lengths.size:
@@ -190,7 +190,7 @@ def share_within(landings: Sequence[Landing], limit_um: float) -> str:
     return f"{good} of {lengths.size} within {limit_um:.0f} um ({100 * good / lengths.size:.1f} %)"
 
 
-def _target(axes: Axes, landings: Sequence[Landing], reach_um: float, colour: str, title: str) -> None:
+def _target(axes: Axes, landings: Sequence[TrialLanding], reach_um: float, colour: str, title: str) -> None:
     """Draw one target; landings beyond its edge are put on the edge as triangles and counted."""
     for ring in RINGS_UM:
         axes.add_patch(Ring((0, 0), ring, fill=False, color=BAD if ring == RINGS_UM[-1] else MUTED, linewidth=1.0))

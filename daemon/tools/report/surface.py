@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from daemon.storage.calibration_records import SurfaceRecord
-from daemon.tools.report.page import Number, Plot, Verdict
+from daemon.tools.report.page import Number, PageVerdict, Plot
 from daemon.tools.report.svg import BAD, INK, MAIN, MUTED, SECOND, new_figure, to_svg
 from vision.geometry.frames import Array
 from vision.geometry.surface_plane import Surface
@@ -19,7 +19,7 @@ RAMP: Final = "viridis"
 """Told apart by those who see no red and green, and readable on light and dark alike."""
 
 
-def verdict(record: SurfaceRecord) -> Verdict:
+def verdict(record: SurfaceRecord) -> PageVerdict:
     """Say whether it is planar, as the record decided."""
     what = "planar" if record.planar else "not planar"
     because = (
@@ -27,7 +27,7 @@ def verdict(record: SurfaceRecord) -> Verdict:
         f"{record.limit_um:.1f} um). {_used(record)} touches are described by a plane to {record.rms_um:.1f} um rms, "
         f"{record.flatness_um:.1f} um from peak to valley."
     )
-    return Verdict(record.planar, because)
+    return PageVerdict(record.planar, because)
 
 
 def _spread_um(record: SurfaceRecord) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from daemon.domain.errors import Fault, Kind
+from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.results import ErrorBody
 
 _AT: Final = "2025-03-04T09:30:12.345+00:00"
@@ -100,7 +100,7 @@ EVENTS: Final[dict[str, dict[str, Any]]] = {
 
 REFUSAL: Final[dict[str, Any]] = {
     **_ENVELOPE, "ok": False, "id": "board17-TP9-1",
-    "error": ErrorBody.of(Fault(Kind.BUSY, "8 jobs of this client wait already", limit=16, limit_per_client=8)),
+    "error": ErrorBody.of(Fault(FaultCode.BUSY, "8 jobs of this client wait already", limit=16, limit_per_client=8)),
 }  # fmt: skip
 
 

@@ -9,11 +9,11 @@ from typing import Any, Final, get_args
 
 from pydantic import BaseModel
 
-from daemon.domain.errors import Kind
+from daemon.domain.errors import FaultCode
 from daemon.domain.roles import ROLES, least_role
 from daemon.wire.docs import examples as wire_examples
 from daemon.wire.docs import text as wire_words
-from daemon.wire.events import TOPICS, Event
+from daemon.wire.events import TOPICS, EventMessage
 from daemon.wire.limits import EVENT_QUEUE, HARD_LIMIT, MAX_HELD, MAX_PENDING
 from daemon.wire.replies import REPLIES, AnyReply, Refusal, Reply
 from daemon.wire.requests import OPS, VERSIONS, AnyRequest, Request
@@ -43,7 +43,8 @@ def _envelopes() -> str:
         (
             "## What every message carries\n", "Every request:\n", _fields(Request),
             "Every reply; `ok` tells a good one from a refusal, which carries `error` instead of the rest:\n",
-            _fields(Reply), "Every event:\n", _fields(Event), "A refusal:\n", _json(json.loads(refusal.to_json())),
+            _fields(Reply),
+            "Every event:\n", _fields(EventMessage), "A refusal:\n", _json(json.loads(refusal.to_json())),
         )
     )  # fmt: skip
 
@@ -79,10 +80,15 @@ def _operation(op: str) -> str:
     )  # fmt: skip
 
 
-def _event(topic: str, model: type[Event]) -> str:
+def _event(topic: str, model: type[EventMessage]) -> str:
     example = model.model_validate(wire_examples.event(topic))
     return "\n".join(
-        (f"### {topic}\n", f"{_doc(model)}\n", _fields(model, beyond=Event), _json(example.model_dump(mode="json")))
+        (
+            f"### {topic}\n",
+            f"{_doc(model)}\n",
+            _fields(model, beyond=EventMessage),
+            _json(example.model_dump(mode="json")),
+        )
     )
 
 
@@ -101,7 +107,7 @@ def _inner() -> str:
 def _errors() -> str:
     rows = [
         f"| {k.code} | `{k.wire_name}` | {k.value.cause} | {k.value.advice} | {'yes' if k.latched else ''} |"
-        for k in sorted(Kind, key=lambda k: k.code)
+        for k in sorted(FaultCode, key=lambda k: k.code)
     ]
     head = (
         "## Errors\n\n1xxx the request, 2xxx seeing, 3xxx motion, 4xxx link, light and camera, 5xxx safety, 9xxx the "
@@ -121,7 +127,7 @@ def _plain(text: str) -> str:
 def _fields(model: type[BaseModel], beyond: type[BaseModel] | None = None) -> str:
     """Return a model's fields as a table, leaving out those of the base it shares with others."""
     shared = set(beyond.model_fields) if beyond is not None else set()
-    mode = "serialization" if issubclass(model, AnyReply | Event) else "validation"
+    mode = "serialization" if issubclass(model, AnyReply | EventMessage) else "validation"
     return _rows(model.model_json_schema(mode=mode), (shared - {"id"}) | {"op"})  # type: ignore[arg-type]
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from rich.console import Console
 
-from daemon.cli.watch_view import SILENT_S, View
+from daemon.cli.watch_view import SILENT_S, WatchView
 from daemon.domain.results import JobResult
 from daemon.platform.clock import utc_now
 
@@ -20,8 +20,8 @@ SNAPSHOT: dict[str, Any] = {
 }  # fmt: skip
 
 
-def _view() -> View:
-    view = View()
+def _view() -> WatchView:
+    view = WatchView()
     view.take_snapshot(SNAPSHOT, 0.0)
     return view
 
@@ -36,7 +36,7 @@ def _result(seq: int, point: str) -> dict[str, Any]:
     return _event("result", **result.model_dump(mode="json", exclude={"station"}))
 
 
-def _text(view: View, now_s: float = 1.0) -> str:
+def _text(view: WatchView, now_s: float = 1.0) -> str:
     console = Console(width=120, record=True, file=open("/dev/null", "w"))  # noqa: PTH123, SIM115
     with console.file:
         console.print(view.render(now_s))
@@ -44,7 +44,7 @@ def _text(view: View, now_s: float = 1.0) -> str:
 
 
 def test_before_anything_is_heard_it_says_so() -> None:
-    assert "no daemon answers yet" in _text(View())
+    assert "no daemon answers yet" in _text(WatchView())
 
 
 def test_snapshot_and_events_make_one_picture() -> None:

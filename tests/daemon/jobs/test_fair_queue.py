@@ -7,10 +7,10 @@ from typing import Any, cast
 import pytest
 
 from daemon.config.model import ServoSection
-from daemon.domain.errors import Fault, Kind
+from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.states import Machine
 from daemon.jobs.fair_queue import FairQueue
-from daemon.jobs.runner import Jobs
+from daemon.jobs.runner import JobRunner
 from daemon.server.rate_limit import BUCKETS, RateLimit
 from daemon.storage.journal import Journal
 from daemon.wire.requests import Place
@@ -45,12 +45,12 @@ def _place(n: int) -> Place:
 async def test_jobs_are_bounded_per_client_and_in_all_and_the_refusal_names_both(tmp_path: Path) -> None:
     nobody = cast("Any", None)  # nothing runs here: neither events nor pictures are reached
     journal = await Journal.open(tmp_path / "j.sqlite")
-    jobs = Jobs(Machine(lambda *_: None), journal, nobody, nobody, "s", ServoSection(), 4, 3)
+    jobs = JobRunner(Machine(lambda *_: None), journal, nobody, nobody, "s", ServoSection(), {}, 4, 3)
     for n in range(3):
         await jobs.submit(_place(n), "flood")
     with pytest.raises(Fault, match="of this client") as caught:
         await jobs.submit(_place(3), "flood")
-    assert caught.value.kind is Kind.BUSY
+    assert caught.value.kind is FaultCode.BUSY
     assert caught.value.detail["limit_per_client"] == 3
     assert caught.value.detail["limit"] == 4
     await jobs.submit(_place(4), "a")
@@ -76,7 +76,7 @@ def test_a_burst_is_taken_and_more_is_refused_with_how_long_to_wait() -> None:
         limit.spend("a")
     with pytest.raises(Fault) as caught:
         limit.spend("a")
-    assert caught.value.kind is Kind.RATE_LIMITED
+    assert caught.value.kind is FaultCode.RATE_LIMITED
     assert caught.value.detail["retry_after_ms"] == 100
     limit.spend("b")
     clock.now_s = 0.1

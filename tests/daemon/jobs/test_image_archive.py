@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from daemon.domain.results import JobResult
-from daemon.jobs.image_archive import Pictures
+from daemon.jobs.image_archive import ImageArchive
 from daemon.platform.clock import utc_now
 from daemon.wire.requests import Correct, Look
 from vision import NotFound, Reason
@@ -41,24 +41,24 @@ def _request(job_id: str = "a") -> Correct:
     [("all", False, True), ("failed", False, False), ("failed", True, True), ("none", True, False)],
 )
 def test_which_jobs_keep_pictures(tmp_path: Path, which: Any, failed: bool, kept: bool) -> None:
-    folder = Pictures(tmp_path, which, 10.0).folder_for(_request(), failed=failed)
+    folder = ImageArchive(tmp_path, which, 10.0).folder_for(_request(), failed=failed)
     assert (folder is not None) == kept
 
 
 def test_a_look_that_asks_for_pictures_gets_them(tmp_path: Path) -> None:
-    assert Pictures(tmp_path, "none", 10.0).folder_for(Look(op="look", id="a", pictures=True), failed=False)
+    assert ImageArchive(tmp_path, "none", 10.0).folder_for(Look(op="look", id="a", pictures=True), failed=False)
 
 
 @pytest.mark.parametrize("job_id", ["../../etc/passwd", "a/b", ".", "..", "ä ö", "x" * 128])
 def test_no_id_leaves_the_folder(tmp_path: Path, job_id: str) -> None:
-    folder = Pictures(tmp_path, "all", 10.0).folder_for(_request(job_id), failed=False)
+    folder = ImageArchive(tmp_path, "all", 10.0).folder_for(_request(job_id), failed=False)
     assert folder is not None
     assert folder.resolve().parent == tmp_path.resolve()
     assert folder.resolve() != tmp_path.resolve()
 
 
 def test_ids_that_look_alike_keep_apart(tmp_path: Path) -> None:
-    pictures = Pictures(tmp_path, "all", 10.0)
+    pictures = ImageArchive(tmp_path, "all", 10.0)
     assert pictures.folder_for(_request("a/b"), failed=False) != pictures.folder_for(_request("a_b"), failed=False)
 
 
@@ -70,7 +70,7 @@ HOSTILE = [
 
 
 def test_no_id_reaches_beyond_its_own_folder(tmp_path: Path) -> None:
-    pictures = Pictures(tmp_path, "all", 10.0)
+    pictures = ImageArchive(tmp_path, "all", 10.0)
     folders = [pictures.folder_for(_request(job_id), failed=False) for job_id in HOSTILE]
     for folder in folders:
         assert folder is not None
@@ -85,7 +85,7 @@ def test_no_id_reaches_beyond_its_own_folder(tmp_path: Path) -> None:
 
 
 async def test_the_oldest_go_beyond_the_quota(tmp_path: Path) -> None:
-    pictures = Pictures(tmp_path, "all", 0.4)
+    pictures = ImageArchive(tmp_path, "all", 0.4)
     names = [f"job{n}" for n in range(8)]
     for n, name in enumerate(names):
         await pictures.keep(tmp_path / name, _job(), _result(name))
@@ -100,7 +100,7 @@ async def test_the_oldest_go_beyond_the_quota(tmp_path: Path) -> None:
 
 
 async def test_a_disk_that_takes_nothing_is_told_and_left_again(tmp_path: Path) -> None:
-    pictures = Pictures(tmp_path, "all", 10.0)
+    pictures = ImageArchive(tmp_path, "all", 10.0)
     (tmp_path / "job").write_text("a file where the folder should be")
     await pictures.keep(tmp_path / "job", _job(), _result("job"))
     assert pictures.full is not None

@@ -9,11 +9,11 @@ import pytest
 
 from daemon.config.model import ServoSection
 from daemon.domain.states import Machine
-from daemon.jobs.runner import Jobs
-from daemon.jobs.watchdog import GRACE_S, SILENT_S, Vigil
+from daemon.jobs.runner import JobRunner
+from daemon.jobs.watchdog import GRACE_S, SILENT_S, Watchdog
 
 
-class Watchdog:
+class FakeManager:
     """A clock that is set by hand, and a count of meals."""
 
     def __init__(self) -> None:
@@ -28,61 +28,61 @@ class Watchdog:
     def clock(self) -> float:
         return self.now_s
 
-    def vigil(self, every_s: float = 0.001) -> Vigil:
-        return Vigil(self.feed, every_s, self.clock)
+    def watchdog(self, every_s: float = 0.001) -> Watchdog:
+        return Watchdog(self.feed, every_s, self.clock)
 
 
 def test_a_loop_that_waits_for_work_feeds() -> None:
-    dog = Watchdog()
-    assert dog.vigil().turn()
+    dog = FakeManager()
+    assert dog.watchdog().check_in()
     assert dog.meals == 1
 
 
 def test_a_long_job_that_shows_something_is_no_hang() -> None:
-    dog = Watchdog()
-    vigil = dog.vigil()
-    vigil.begin(due_s=dog.now_s + 3600.0)
+    dog = FakeManager()
+    watchdog = dog.watchdog()
+    watchdog.begin(due_s=dog.now_s + 3600.0)
     for look in range(60):
         dog.now_s += SILENT_S / 2
-        assert vigil.turn(look), "an hour of calibration, a look a minute"
+        assert watchdog.check_in(look), "an hour of calibration, a look a minute"
     assert dog.meals == 60
 
 
 def test_a_job_that_shows_nothing_is_a_hang_long_before_its_deadline() -> None:
-    dog = Watchdog()
-    vigil = dog.vigil()
-    vigil.begin(due_s=dog.now_s + 3600.0)
-    assert vigil.turn("a look")
+    dog = FakeManager()
+    watchdog = dog.watchdog()
+    watchdog.begin(due_s=dog.now_s + 3600.0)
+    assert watchdog.check_in("a look")
     dog.now_s += SILENT_S - 1.0
-    assert vigil.turn("a look")
+    assert watchdog.check_in("a look")
     dog.now_s += 2.0
-    assert not vigil.turn("a look")
+    assert not watchdog.check_in("a look")
     assert dog.meals == 2
-    assert vigil.turn("another look"), "it was only slow"
+    assert watchdog.check_in("another look"), "it was only slow"
 
 
 def test_a_job_past_its_deadline_is_a_hang_however_busy_it_is() -> None:
-    dog = Watchdog()
-    vigil = dog.vigil()
-    vigil.begin(due_s=dog.now_s + 60.0)
+    dog = FakeManager()
+    watchdog = dog.watchdog()
+    watchdog.begin(due_s=dog.now_s + 60.0)
     dog.now_s += 60.0 + GRACE_S - 1.0
-    assert vigil.turn(1)
+    assert watchdog.check_in(1)
     dog.now_s += 2.0
-    assert not vigil.turn(2)
-    vigil.end()
-    assert vigil.turn(), "the next job is another one's trouble"
+    assert not watchdog.check_in(2)
+    watchdog.end()
+    assert watchdog.check_in(), "the next job is another one's trouble"
 
 
-def _jobs(vigil: Vigil) -> Jobs:
+def _jobs(watchdog: Watchdog) -> JobRunner:
     nobody = cast("Any", None)
-    jobs = Jobs(Machine(lambda *_: None), nobody, nobody, nobody, "s", ServoSection(), queue_length=4)
-    jobs.vigil = vigil
+    jobs = JobRunner(Machine(lambda *_: None), nobody, nobody, nobody, "s", ServoSection(), {}, queue_length=4)
+    jobs.watchdog = watchdog
     return jobs
 
 
 async def test_the_job_loop_itself_feeds_and_a_loop_that_ended_does_not() -> None:
-    dog = Watchdog()
-    loop = asyncio.create_task(_jobs(dog.vigil()).run())
+    dog = FakeManager()
+    loop = asyncio.create_task(_jobs(dog.watchdog()).run())
     for _ in range(3):
         dog.eaten.clear()
         await dog.eaten.wait()
@@ -96,8 +96,8 @@ async def test_the_job_loop_itself_feeds_and_a_loop_that_ended_does_not() -> Non
 
 
 async def test_a_job_loop_stuck_outside_of_a_job_does_not_feed() -> None:
-    dog = Watchdog()
-    jobs = _jobs(dog.vigil())
+    dog = FakeManager()
+    jobs = _jobs(dog.watchdog())
     await jobs.between.acquire()  # somebody never lets go of what the loop needs to go on
     jobs._waiting.put("tester", cast("Any", object()))
     loop = asyncio.create_task(jobs.run())
@@ -113,9 +113,9 @@ async def test_a_job_loop_stuck_outside_of_a_job_does_not_feed() -> None:
 
 
 async def test_a_job_that_hangs_is_waited_for_and_starves_the_watchdog() -> None:
-    dog = Watchdog()
-    vigil = dog.vigil()
-    vigil.begin(due_s=dog.now_s + 60.0)
+    dog = FakeManager()
+    watchdog = dog.watchdog()
+    watchdog.begin(due_s=dog.now_s + 60.0)
     never = asyncio.get_running_loop().create_future()
 
     async def hung() -> None:
@@ -124,7 +124,7 @@ async def test_a_job_that_hangs_is_waited_for_and_starves_the_watchdog() -> None
     turns = 0
     starved = asyncio.Event()
 
-    def sign() -> int:
+    def activity() -> int:
         nonlocal turns
         turns += 1
         dog.now_s += 10.0
@@ -133,7 +133,7 @@ async def test_a_job_that_hangs_is_waited_for_and_starves_the_watchdog() -> None
         return 0
 
     task = asyncio.create_task(hung())
-    attending = asyncio.create_task(vigil.attend(task, sign))
+    attending = asyncio.create_task(watchdog.supervise(task, activity))
     await starved.wait()
     fed_for = (60.0 + GRACE_S) / 10.0
     assert dog.meals <= fed_for < turns
@@ -144,11 +144,11 @@ async def test_a_job_that_hangs_is_waited_for_and_starves_the_watchdog() -> None
 
 
 async def test_a_job_that_fails_ends_the_loop_with_its_error() -> None:
-    vigil = Watchdog().vigil()
-    vigil.begin(due_s=2000.0)
+    watchdog = FakeManager().watchdog()
+    watchdog.begin(due_s=2000.0)
 
     async def broken() -> None:
         raise RuntimeError("broken")
 
     with pytest.raises(RuntimeError, match="broken"):
-        await vigil.attend(asyncio.create_task(broken()), lambda: 0)
+        await watchdog.supervise(asyncio.create_task(broken()), lambda: 0)

@@ -3,18 +3,18 @@
 import json
 from dataclasses import replace
 
-from daemon.maintenance.alerts import Alert, Alerts, Told
+from daemon.maintenance.alerts import ActiveAlerts, Alert, AlertNews
 from daemon.maintenance.types import Finding
 
 FOUND = Finding("one point far off", 98.0, 119.0, 114.0, "warning", 4000, "t0", ("98 after 4100 touches (job-1)",))
 
 
-def _find(alerts: Alerts, finding: Finding = FOUND, at: str = "t1") -> Told | None:
+def _find(alerts: ActiveAlerts, finding: Finding = FOUND, at: str = "t1") -> AlertNews | None:
     return alerts.find("light_white", "light", "the white ring's brightness", "levels", "clean it", finding, at)
 
 
 def test_it_is_raised_once_and_brought_up_to_date_in_silence() -> None:
-    alerts = Alerts()
+    alerts = ActiveAlerts()
     raised = _find(alerts)
     assert raised is not None
     assert raised.body["raised"] is True
@@ -26,7 +26,7 @@ def test_it_is_raised_once_and_brought_up_to_date_in_silence() -> None:
 
 
 def test_the_same_again_changes_nothing() -> None:
-    alerts = Alerts()
+    alerts = ActiveAlerts()
     _find(alerts)
     before = alerts.standing["light_white"]
     _find(alerts, at="t9")
@@ -34,7 +34,7 @@ def test_the_same_again_changes_nothing() -> None:
 
 
 def test_getting_worse_is_news_once() -> None:
-    alerts = Alerts()
+    alerts = ActiveAlerts()
     _find(alerts)
     serious = replace(FOUND, figure=60.0, severity="serious")
     worse = _find(alerts, serious)
@@ -44,7 +44,7 @@ def test_getting_worse_is_news_once() -> None:
 
 
 def test_an_acknowledgement_stays_while_it_stands() -> None:
-    alerts = Alerts()
+    alerts = ActiveAlerts()
     _find(alerts)
     assert alerts.acknowledge("light_white", "Kim", "ring ordered", "t3") is not None
     _find(alerts, replace(FOUND, figure=90.0), "t4")
@@ -53,7 +53,7 @@ def test_an_acknowledgement_stays_while_it_stands() -> None:
 
 
 def test_it_is_cleared_once() -> None:
-    alerts = Alerts()
+    alerts = ActiveAlerts()
     _find(alerts)
     cleared = alerts.clear("light_white", "t5")
     assert cleared is not None
@@ -63,7 +63,7 @@ def test_it_is_cleared_once() -> None:
 
 
 def test_it_is_kept_as_json_and_comes_back() -> None:
-    alerts = Alerts()
+    alerts = ActiveAlerts()
     _find(alerts)
     alert = alerts.standing["light_white"]
     assert Alert.from_dict(json.loads(json.dumps(alert.to_dict()))) == alert

@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 
 from daemon.maintenance.types import Point
-from daemon.maintenance.xmr_chart import Chart, ChartSettings, Limits, learn
+from daemon.maintenance.xmr_chart import Chart, ChartSettings, ControlLimits, learn
 
 PLAIN = ChartSettings(baseline=60, batch=5)
 
@@ -25,7 +25,7 @@ def _normal(n: int, mean: float = 0.0, sigma: float = 1.0, seed: int = 1) -> lis
     return [rng.gauss(mean, sigma) for _ in range(n)]
 
 
-def _learned(values: list[float], batch: int = 5, *, together: bool = False) -> Limits:
+def _learned(values: list[float], batch: int = 5, *, together: bool = False) -> ControlLimits:
     points = [statistics.median(values[k : k + batch]) for k in range(0, len(values), batch)]
     return learn(values, points, batch, together=together)
 

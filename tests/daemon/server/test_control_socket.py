@@ -18,9 +18,9 @@ from daemon.client import Client, NoAnswer, NotLetIn, Refused, Subscription
 from daemon.config.model import ApiSection
 from daemon.domain.roles import ROLES, Caller, Role
 from daemon.platform.clock import utc_now
-from daemon.server.auth import Guard
+from daemon.server.auth import Authenticator
 from daemon.server.control_socket import MAX_HELD, ControlSocket
-from daemon.server.event_publisher import Events
+from daemon.server.event_publisher import EventPublisher
 from daemon.server.keyring import Keyring
 from daemon.storage.journal import Journal
 from daemon.wire.curve_keys import KeyTrouble, PrivateKey, new_client, read_private, revoke
@@ -50,7 +50,7 @@ class Station:
 class Served:
     """A control socket and an event socket in this process."""
 
-    def __init__(self, station: Station, api: ApiSection, events: Events) -> None:
+    def __init__(self, station: Station, api: ApiSection, events: EventPublisher) -> None:
         self.station, self.api, self.events = station, api, events
 
     async def by(self, work: Callable[[Client], Any], keys: PrivateKey | Path | None = None) -> Any:
@@ -73,10 +73,10 @@ async def serving(tmp_path: Path, keys: Path | None = None, **settings: Any) -> 
         stack.push_async_callback(journal.close)
         context = zmq.asyncio.Context()
         stack.callback(context.destroy, linger=0)
-        guard = Guard(api.role, Keyring(keys, {}) if keys is not None else None)
+        guard = Authenticator(api.role, Keyring(keys, {}) if keys is not None else None)
         guard.start(context)
         stack.callback(guard.stop)
-        events = Events(zmq.Context(context), api.events, "s", journal, guard=guard)
+        events = EventPublisher(zmq.Context(context), api.events, "s", journal, guard=guard)
         stack.callback(events.close)
         station = Station()
         control = ControlSocket(context, api, "0", station, guard)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import weakref
 
-from daemon.domain.errors import Fault, Kind
+from daemon.domain.errors import Fault, FaultCode
 from daemon.station.device_errors import as_fault, forget_frames
 from drivers.errors import LinkError
 
@@ -22,7 +22,7 @@ def _fail(watched: list[weakref.ref[_Picture]]) -> None:
         watched.append(weakref.ref(deeper))
         raise LinkError("gone", device="bus")
     except LinkError as exc:
-        raise Fault(Kind.LINK_LOST, f"lost, with {picture}") from exc
+        raise Fault(FaultCode.LINK_LOST, f"lost, with {picture}") from exc
 
 
 def _job(watched: list[weakref.ref[_Picture]]) -> Fault:
@@ -43,7 +43,7 @@ def test_what_the_frames_of_an_error_held_is_free_at_once() -> None:
         assert [ref() for ref in watched] == [None, None]
     finally:
         gc.enable()
-    assert fault.kind is Kind.LINK_LOST
+    assert fault.kind is FaultCode.LINK_LOST
     assert isinstance(fault.__cause__, LinkError)
 
 

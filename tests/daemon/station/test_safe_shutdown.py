@@ -6,8 +6,8 @@ from typing import Any, cast
 
 import pytest
 
-from daemon.domain.errors import Fault, Kind
-from daemon.station.safe_shutdown import UNSURE, leave, lift
+from daemon.domain.errors import Fault, FaultCode
+from daemon.station.safe_shutdown import UNSURE, retract, shut_down
 from drivers.errors import LinkTimeout, Stalled
 
 
@@ -35,17 +35,17 @@ class Machine:
 
 async def _left(machine: Machine, fault: Fault | None) -> list[str]:
     anything = cast("Any", machine)
-    await leave(anything, anything, fault)
+    await shut_down(anything, anything, fault)
     return machine.did
 
 
-@pytest.mark.parametrize("kind", [None, Kind.CAMERA_FAILED, Kind.LIGHT_FAILED, Kind.JOURNAL_FAILED])
-async def test_the_needle_is_lifted_before_the_devices_are_let_go(kind: Kind | None) -> None:
+@pytest.mark.parametrize("kind", [None, FaultCode.CAMERA_FAILED, FaultCode.LIGHT_FAILED, FaultCode.JOURNAL_FAILED])
+async def test_the_needle_is_lifted_before_the_devices_are_let_go(kind: FaultCode | None) -> None:
     assert await _left(Machine(), Fault(kind) if kind else None) == ["lifted", "closed"]
 
 
 @pytest.mark.parametrize("kind", sorted(UNSURE, key=lambda kind: kind.code))
-async def test_in_a_fault_of_motion_or_bus_nothing_moves_by_itself(kind: Kind) -> None:
+async def test_in_a_fault_of_motion_or_bus_nothing_moves_by_itself(kind: FaultCode) -> None:
     assert await _left(Machine(), Fault(kind)) == ["closed"]
 
 
@@ -56,10 +56,10 @@ async def test_axes_without_a_reference_are_not_moved() -> None:
 @pytest.mark.parametrize("trouble", ["silent", "stuck"])
 async def test_drives_that_do_not_answer_or_do_not_move_are_let_go_all_the_same(trouble: str) -> None:
     machine = Machine(silent=trouble == "silent", stuck=trouble == "stuck")
-    assert not await lift(cast("Any", machine), cast("Any", machine), None)
+    assert not await retract(cast("Any", machine), cast("Any", machine), None)
     assert (await _left(machine, None))[-1] == "closed"
 
 
 def test_every_fault_that_needs_homing_is_among_those_in_which_nothing_moves() -> None:
-    told_to_home = {kind for kind in Kind if kind.latched and "home" in kind.value.advice}
+    told_to_home = {kind for kind in FaultCode if kind.latched and "home" in kind.value.advice}
     assert told_to_home <= UNSURE

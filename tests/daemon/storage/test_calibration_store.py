@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daemon.domain.errors import Fault, Kind
+from daemon.domain.errors import Fault, FaultCode
 from daemon.storage.calibration_store import Calibrations
 from tests.daemon.tools.report.synthetic import map_record, rotation_record
 from tests.vision.scene import Camera, Canvas, Needle, draw_needle, frame_of
@@ -67,7 +67,7 @@ def test_what_does_not_fit_is_not_used_and_said(store: Calibrations, damage: str
     assert again.probe is not None
     with pytest.raises(Fault, match="has not been calibrated: ") as caught:
         again.require_map(30.0, 5200.0)
-    assert caught.value.kind is Kind.NOT_CALIBRATED
+    assert caught.value.kind is FaultCode.NOT_CALIBRATED
 
 
 def test_a_new_needle_makes_map_and_rotation_void(store: Calibrations, probe: ProbeModel) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from daemon.domain.errors import Fault, Kind
+from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.results import JobResult
 from daemon.platform.clock import utc_now
 from daemon.storage.journal import SEQ_BLOCK, Journal
@@ -105,7 +105,7 @@ async def test_a_journal_of_a_newer_version_is_refused_untouched_and_says_what_t
     before = path.read_bytes()
     with pytest.raises(Fault, match="newer version") as caught:
         await Journal.open(path)
-    assert caught.value.kind is Kind.JOURNAL_FAILED
+    assert caught.value.kind is FaultCode.JOURNAL_FAILED
     assert "newer program" in caught.value.advice
     assert [file.name for file in tmp_path.iterdir()] == ["j.sqlite"]
     assert path.read_bytes() == before
@@ -173,7 +173,7 @@ async def test_damage_found_at_work_is_looked_for_at_the_next_start_whatever_the
         file.write(b"\xa5" * 16384)
     with pytest.raises(Fault) as caught:
         await journal.measurements(0, 1000)
-    assert caught.value.kind is Kind.JOURNAL_FAILED
+    assert caught.value.kind is FaultCode.JOURNAL_FAILED
     await journal.close()
     journal = await Journal.open(path)
     assert journal.moved_to is not None

@@ -5,12 +5,12 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any, cast
 
-from daemon.domain.errors import Fault, Kind
+from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.results import ErrorBody, JobResult
 from daemon.domain.states import State
 from daemon.platform.clock import utc_now
 from daemon.platform.systemd_notify import Notifier
-from daemon.telemetry.status_line import Standing
+from daemon.telemetry.status_line import StatusLine
 
 
 class Heard(Notifier):
@@ -38,9 +38,9 @@ def _result(**fields: Any) -> JobResult:
 
 def test_nothing_is_told_before_the_start_is_over() -> None:
     manager = Heard()
-    standing = Standing(_daemon(State.FAULT, Fault(Kind.NOT_HOMED)), manager)
+    standing = StatusLine(_daemon(State.FAULT, Fault(FaultCode.NOT_HOMED)), manager)
     standing.refresh()
-    standing.told(_result(test_point="TP7", error_after_um=12.4))
+    standing.on_result(_result(test_point="TP7", error_after_um=12.4))
     assert manager.lines == []
     standing.ready(_result(op="home", outcome="homed"))
     (line,) = manager.lines
@@ -52,8 +52,8 @@ def test_nothing_is_told_before_the_start_is_over() -> None:
 def test_a_running_job_and_a_note_are_told_beside_the_last_result() -> None:
     manager = Heard()
     daemon = _daemon(State.MOVE, running=SimpleNamespace(op="correct", id="b17"))
-    standing = Standing(daemon, manager)
-    failed = _result(ok=False, outcome="failed", test_point="TP3", error=ErrorBody.of(Fault(Kind.TIP_NOT_FOUND)))
+    standing = StatusLine(daemon, manager)
+    failed = _result(ok=False, outcome="failed", test_point="TP3", error=ErrorBody.of(Fault(FaultCode.TIP_NOT_FOUND)))
     standing.ready(failed)
     standing.note("a note")
     assert manager.lines[-1] == "move (correct b17); last: correct TP3 failed, tip_not_found; a note"
@@ -64,5 +64,5 @@ def test_a_running_job_and_a_note_are_told_beside_the_last_result() -> None:
 
 def test_a_daemon_that_never_did_anything_says_only_its_state() -> None:
     manager = Heard()
-    Standing(cast("Any", _daemon(State.IDLE)), manager).ready(None)
+    StatusLine(cast("Any", _daemon(State.IDLE)), manager).ready(None)
     assert manager.lines == ["READY idle"]

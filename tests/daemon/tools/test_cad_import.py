@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from daemon.domain.board import Board
-from daemon.domain.errors import Fault, Kind
+from daemon.domain.errors import Fault, FaultCode
 from daemon.tools.cad_import import import_board
 from daemon.tools.demo.session import choose_mark, choose_points
 
@@ -46,7 +46,7 @@ def test_tented_vias_are_not_even_seen_and_pins_not_offered(demo: Board) -> None
     assert not any(p.diameter_um == 500.0 for p in demo.points)  # the tented ones
     with pytest.raises(Fault, match="a fiducial") as caught:
         demo.point("FID1")
-    assert caught.value.kind is Kind.UNKNOWN_TEST_POINT
+    assert caught.value.kind is FaultCode.UNKNOWN_TEST_POINT
 
 
 def test_a_fiducial_is_the_mark_for_the_map(demo: Board) -> None:

@@ -17,7 +17,7 @@ from daemon.config.model import load_config
 from daemon.tools.demo.settings import Places, write_settings
 from daemon.tools.doctor import computer
 from daemon.tools.doctor.computer import examine_data_dir, examine_device, examine_time
-from daemon.tools.doctor.findings import Finding, Findings
+from daemon.tools.doctor.findings import CheckResult, CheckResults
 
 pytestmark = pytest.mark.usefixtures("logging_as_before")
 
@@ -31,18 +31,18 @@ def port() -> Iterator[Path]:
     os.close(slave)
 
 
-def _only(findings: Findings) -> Finding:
+def _only(findings: CheckResults) -> CheckResult:
     (check,) = findings.checks
     return check
 
 
 def test_a_free_port_is_ok_and_one_in_use_names_who_has_it(port: Path) -> None:
-    free = Findings()
+    free = CheckResults()
     examine_device(free, "port", port, "dialout")
     assert _only(free).verdict == "ok"
     with port.open("rb", buffering=0) as holder:
         fcntl.flock(holder, fcntl.LOCK_EX)
-        taken = Findings()
+        taken = CheckResults()
         examine_device(taken, "port", port, "dialout")
     assert _only(taken).verdict == "fail"
     assert "in use" in _only(taken).found
@@ -51,7 +51,7 @@ def test_a_free_port_is_ok_and_one_in_use_names_who_has_it(port: Path) -> None:
 @pytest.mark.parametrize(("name", "says"), [("missing", "not there"), ("file", "no device")])
 def test_a_port_that_is_none_is_named(tmp_path: Path, name: str, says: str) -> None:
     (tmp_path / "file").write_text("")
-    findings = Findings()
+    findings = CheckResults()
     examine_device(findings, "port", tmp_path / name, "dialout")
     assert says in _only(findings).found
     assert _only(findings).advice
@@ -59,7 +59,7 @@ def test_a_port_that_is_none_is_named(tmp_path: Path, name: str, says: str) -> N
 
 def test_a_port_one_may_not_use_says_which_group(port: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(computer.os, "access", lambda *_: False)
-    findings = Findings()
+    findings = CheckResults()
     examine_device(findings, "port", port, "dialout")
     assert not findings.good
     assert "group" in _only(findings).advice
@@ -71,7 +71,7 @@ def test_a_full_disk_and_an_open_folder_are_told(tmp_path: Path, monkeypatch: py
     config.station.data_dir.chmod(0o777)
     usage = computer.shutil.disk_usage(tmp_path)._replace(free=50_000_000)
     monkeypatch.setattr(computer.shutil, "disk_usage", lambda _path: usage)
-    findings = Findings()
+    findings = CheckResults()
     examine_data_dir(findings, config)
     assert {check.about: check.verdict for check in findings.checks} == {"data folder": "warn", "disk": "fail"}
 
@@ -80,7 +80,7 @@ def test_a_clock_before_the_last_calibration_fails(tmp_path: Path, monkeypatch: 
     config = load_config(write_settings(Places(tmp_path, tmp_path)))
     monkeypatch.setattr(computer.Calibrations, "made_at", lambda _self: {"map": "2999-01-01T00:00:00+00:00"})
     monkeypatch.setattr(computer, "clock_synchronized", lambda: False)
-    findings = Findings()
+    findings = CheckResults()
     examine_time(findings, config)
     verdicts = {check.about: check.verdict for check in findings.checks}
     assert verdicts["date and time"] == "fail"

@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from daemon.domain.errors import Fault, Kind
+from daemon.domain.errors import Fault, FaultCode
 from daemon.wire.deadline import due_at_s
 
 
@@ -24,4 +24,4 @@ def test_no_deadline_is_the_default() -> None:
 def test_a_stale_deadline_is_refused(deadline_ms: float) -> None:
     with pytest.raises(Fault) as caught:
         due_at_s(deadline_ms, 60.0)
-    assert caught.value.kind is Kind.STALE_DEADLINE
+    assert caught.value.kind is FaultCode.STALE_DEADLINE

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from daemon.cli.app import app
 from daemon.config.model import ApiSection
-from daemon.domain.errors import Kind
+from daemon.domain.errors import FaultCode
 from daemon.domain.results import JobResult
 from daemon.domain.roles import LEAST_ROLE, may
 from daemon.maintenance.alerts import Alert
@@ -59,13 +59,13 @@ def test_an_example_event_is_whole(topic: str) -> None:
 
 def test_a_refusal_carries_its_version_code_and_advice() -> None:
     said = json.loads(Refusal.model_validate(wire_examples.REFUSAL).to_json())
-    assert (said["v"], said["ok"], said["error"]["code"]) == (1, False, Kind.BUSY.code)
+    assert (said["v"], said["ok"], said["error"]["code"]) == (1, False, FaultCode.BUSY.code)
     assert said["error"]["advice"]
 
 
 def test_every_error_is_on_the_page_with_cause_and_cure() -> None:
     text = page(ApiSection)
-    for kind in Kind:
+    for kind in FaultCode:
         assert f"| {kind.code} | `{kind.wire_name}` | {kind.value.cause} | {kind.value.advice} |" in text
 
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daemon.domain.errors import Fault, Kind
+from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.results import ErrorBody
 from daemon.wire.requests import OPS, Correct, Place, parse_request
 
@@ -36,29 +36,33 @@ GOOD: list[dict[str, Any]] = [
     {"op": "report", "id": "a", "retest": "pass", "touches": 20},
     {"op": "describe"},
 ]
-BAD: list[tuple[Any, Kind, str]] = [
-    ([], Kind.BAD_JSON, ""),
-    ("hello", Kind.BAD_JSON, ""),
-    ({}, Kind.UNKNOWN_OP, ""),
-    ({"op": "fly"}, Kind.UNKNOWN_OP, ""),
-    ({"op": ["correct"]}, Kind.UNKNOWN_OP, ""),
-    ({"v": 2, "op": "status"}, Kind.UNSUPPORTED_VERSION, ""),
-    ({"v": True, "op": "status"}, Kind.UNSUPPORTED_VERSION, ""),
-    ({"op": "correct", "test_point": "TP7"}, Kind.INVALID_REQUEST, "id"),
-    ({"op": "correct", "id": "", "test_point": "TP7"}, Kind.INVALID_REQUEST, "id"),
-    ({"op": "correct", "id": "x" * 129, "test_point": "TP7"}, Kind.INVALID_REQUEST, "id"),
-    ({"op": "correct", "id": "a", "test_point": "../etc/passwd\x00"}, Kind.INVALID_REQUEST, "test_point"),
-    ({"op": "correct", "id": "a", "test_point": "TP7", "speed": 9}, Kind.INVALID_REQUEST, "speed"),
-    ({"op": "place", "id": "a"}, Kind.INVALID_REQUEST, ""),
-    ({"op": "place", "id": "a", "test_point": "TP7", "theta_deg": float("nan")}, Kind.INVALID_REQUEST, "theta_deg"),
-    ({"op": "place", "id": "a", "board_um": [1e300, 0]}, Kind.INVALID_REQUEST, "board_um"),
-    ({"op": "calibrate", "id": "a", "what": "tip"}, Kind.INVALID_REQUEST, ""),
-    ({"op": "calibrate", "id": "a", "what": "everything"}, Kind.INVALID_REQUEST, "what"),
-    ({"op": "calibrate", "id": "a", "what": "rotation", "angles": 5}, Kind.INVALID_REQUEST, "angles"),
-    ({"op": "calibrate", "id": "a", "what": "rotation", "angles": 9, "every_deg": 2}, Kind.INVALID_REQUEST, ""),
-    ({"op": "align", "id": "a", "fiducials": ["FID1", "FID2"]}, Kind.INVALID_REQUEST, "fiducials"),
-    ({"op": "align", "id": "a", "thetas_deg": [400.0]}, Kind.INVALID_REQUEST, "thetas_deg"),
-    ({"op": "status", "deadline_ms": "soon"}, Kind.INVALID_REQUEST, "deadline_ms"),
+BAD: list[tuple[Any, FaultCode, str]] = [
+    ([], FaultCode.BAD_JSON, ""),
+    ("hello", FaultCode.BAD_JSON, ""),
+    ({}, FaultCode.UNKNOWN_OP, ""),
+    ({"op": "fly"}, FaultCode.UNKNOWN_OP, ""),
+    ({"op": ["correct"]}, FaultCode.UNKNOWN_OP, ""),
+    ({"v": 2, "op": "status"}, FaultCode.UNSUPPORTED_VERSION, ""),
+    ({"v": True, "op": "status"}, FaultCode.UNSUPPORTED_VERSION, ""),
+    ({"op": "correct", "test_point": "TP7"}, FaultCode.INVALID_REQUEST, "id"),
+    ({"op": "correct", "id": "", "test_point": "TP7"}, FaultCode.INVALID_REQUEST, "id"),
+    ({"op": "correct", "id": "x" * 129, "test_point": "TP7"}, FaultCode.INVALID_REQUEST, "id"),
+    ({"op": "correct", "id": "a", "test_point": "../etc/passwd\x00"}, FaultCode.INVALID_REQUEST, "test_point"),
+    ({"op": "correct", "id": "a", "test_point": "TP7", "speed": 9}, FaultCode.INVALID_REQUEST, "speed"),
+    ({"op": "place", "id": "a"}, FaultCode.INVALID_REQUEST, ""),
+    (
+        {"op": "place", "id": "a", "test_point": "TP7", "theta_deg": float("nan")},
+        FaultCode.INVALID_REQUEST,
+        "theta_deg",
+    ),
+    ({"op": "place", "id": "a", "board_um": [1e300, 0]}, FaultCode.INVALID_REQUEST, "board_um"),
+    ({"op": "calibrate", "id": "a", "what": "tip"}, FaultCode.INVALID_REQUEST, ""),
+    ({"op": "calibrate", "id": "a", "what": "everything"}, FaultCode.INVALID_REQUEST, "what"),
+    ({"op": "calibrate", "id": "a", "what": "rotation", "angles": 5}, FaultCode.INVALID_REQUEST, "angles"),
+    ({"op": "calibrate", "id": "a", "what": "rotation", "angles": 9, "every_deg": 2}, FaultCode.INVALID_REQUEST, ""),
+    ({"op": "align", "id": "a", "fiducials": ["FID1", "FID2"]}, FaultCode.INVALID_REQUEST, "fiducials"),
+    ({"op": "align", "id": "a", "thetas_deg": [400.0]}, FaultCode.INVALID_REQUEST, "thetas_deg"),
+    ({"op": "status", "deadline_ms": "soon"}, FaultCode.INVALID_REQUEST, "deadline_ms"),
 ]
 
 
@@ -77,7 +81,7 @@ def test_every_op_has_a_good_example() -> None:
 
 
 @pytest.mark.parametrize(("raw", "kind", "field"), BAD)
-def test_bad_requests_are_refused_by_name(raw: Any, kind: Kind, field: str) -> None:
+def test_bad_requests_are_refused_by_name(raw: Any, kind: FaultCode, field: str) -> None:
     with pytest.raises(Fault) as caught:
         parse_request(raw)
     assert caught.value.kind is kind
@@ -99,7 +103,7 @@ def test_any_json_is_a_request_or_a_fault(raw: dict[str, Any]) -> None:
     except Fault as fault:
         answer = ErrorBody.of(fault).model_dump(mode="json")
     json.dumps(answer)
-    assert answer.get("op") in OPS or answer["code"] in {k.code for k in Kind}
+    assert answer.get("op") in OPS or answer["code"] in {k.code for k in FaultCode}
 
 
 def test_wait_and_deadline_are_not_part_of_what_is_asked() -> None:
@@ -113,6 +117,6 @@ def test_wait_and_deadline_are_not_part_of_what_is_asked() -> None:
 
 
 def test_codes_and_names_are_unique_and_in_their_ranges() -> None:
-    assert len({k.code for k in Kind}) == len(Kind)
-    assert {k.code // 1000 for k in Kind} == {1, 2, 3, 4, 5, 9}
-    assert Kind.TIP_NOT_FOUND.code == 2101
+    assert len({k.code for k in FaultCode}) == len(FaultCode)
+    assert {k.code // 1000 for k in FaultCode} == {1, 2, 3, 4, 5, 9}
+    assert FaultCode.TIP_NOT_FOUND.code == 2101

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import LimitHit, Stalled
-from drivers.l4118 import AxisConfig, AxisStatus, State
+from drivers.l4118 import AxisConfig, AxisStatus, PowerState
 from drivers.l4118.arrival import ArrivalWatch
 from drivers.l4118.image import RX_WANTED, TX_WANTED, WordOrder, parse, rx_serves, tx_serves
 from drivers.l4118.objects import decode_state, error_meaning
@@ -16,18 +16,18 @@ from tests.drivers.peers.drive import DEFAULT_RX, DEFAULT_TX
 @pytest.mark.parametrize(
     ("word", "state"),
     [
-        (0x0200, State.NOT_READY),
-        (0x0250, State.SWITCH_ON_DISABLED),
-        (0x0231, State.READY),
-        (0x0233, State.SWITCHED_ON),
-        (0x1637, State.OPERATION_ENABLED),
-        (0x0217, State.QUICK_STOP_ACTIVE),
-        (0x021F, State.FAULT_REACTION),
-        (0x0238, State.FAULT),
+        (0x0200, PowerState.NOT_READY),
+        (0x0250, PowerState.SWITCH_ON_DISABLED),
+        (0x0231, PowerState.READY),
+        (0x0233, PowerState.SWITCHED_ON),
+        (0x1637, PowerState.OPERATION_ENABLED),
+        (0x0217, PowerState.QUICK_STOP_ACTIVE),
+        (0x021F, PowerState.FAULT_REACTION),
+        (0x0238, PowerState.FAULT),
         (0x0201, None),
     ],
 )
-def test_status_words_show_their_state(word: int, state: State | None) -> None:
+def test_status_words_show_their_state(word: int, state: PowerState | None) -> None:
     """It should decode by the masks of CiA 402, and say when a pattern is none."""
     assert decode_state(word) is state
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vision.geometry.constellation import Match, NoMatch, match_near, match_target
+from vision.geometry.constellation import ConstellationMatch, NoMatch, match_near, match_target
 
 LIMITS = {"max_shift_um": 700.0, "tolerance_um": 100.0, "reach_um": 700.0}
 
@@ -15,7 +15,7 @@ def test_the_nearest_is_not_taken_when_it_is_the_neighbour() -> None:
     cad = [(0.0, 0.0), (450.0, 0.0)]
     seen = [(-300.0, 0.0), (150.0, 0.0)]
     match = match_target(seen, cad, **LIMITS)
-    assert isinstance(match, Match)
+    assert isinstance(match, ConstellationMatch)
     assert match.index == 0
     assert match.shift_um == pytest.approx((-300.0, 0.0))
     assert match.agreeing == 2
@@ -31,14 +31,14 @@ def test_a_neighbour_alone_is_refused_when_the_target_should_be_seen() -> None:
 def test_a_neighbour_behind_the_needle_does_not_count_as_missing() -> None:
     cad = [(0.0, 0.0), (-450.0, 0.0)]
     match = match_target([(150.0, 0.0)], cad, **LIMITS, hidden=lambda places: [p[0] < -200 for p in places])
-    assert isinstance(match, Match)
+    assert isinstance(match, ConstellationMatch)
 
 
 def test_two_shifts_that_explain_everything_are_ambiguous() -> None:
     """Two pads of which CAD knows only one: nothing tells which."""
     cad = [(0.0, 0.0), (1400.0, 0.0)]
     seen = [(-690.0, 0.0)]
-    assert isinstance(match_target(seen, cad, **LIMITS), Match)
+    assert isinstance(match_target(seen, cad, **LIMITS), ConstellationMatch)
     row = [(0.0, 0.0), (500.0, 0.0), (1000.0, 0.0), (-500.0, 0.0), (-1000.0, 0.0)]
     answer = match_target([(-250.0, 0.0), (250.0, 0.0)], row, **LIMITS)
     assert isinstance(answer, NoMatch)
@@ -55,7 +55,7 @@ def test_a_stray_object_is_outweighed_by_two_that_agree_and_not_by_one() -> None
     cad = [(0.0, 0.0), (450.0, 0.0)]
     stray = (300.0, 500.0)
     match = match_target([(50.0, 0.0), (500.0, 0.0), stray], cad, **LIMITS)
-    assert isinstance(match, Match)
+    assert isinstance(match, ConstellationMatch)
     assert match.index == 0
     assert isinstance(match_target([(50.0, 0.0), stray], [(0.0, 0.0)], **LIMITS), NoMatch)
 
@@ -63,7 +63,7 @@ def test_a_stray_object_is_outweighed_by_two_that_agree_and_not_by_one() -> None
 def test_a_doubtful_object_is_dismissed_when_the_pads_seen_speak_against_it() -> None:
     """With the one pad of the neighbourhood seen, something else near the tip cannot be it too."""
     match = match_target([(300.0, 0.0)], [(0.0, 0.0)], **LIMITS, doubtful_um=[(-100.0, 50.0)])
-    assert isinstance(match, Match)
+    assert isinstance(match, ConstellationMatch)
     assert match.index == 0
 
 
@@ -110,6 +110,6 @@ def test_never_the_wrong_pad(others: list[tuple[float, float]], shift: tuple[flo
     visible = np.linalg.norm(moved, axis=1) <= LIMITS["reach_um"]
     index = np.flatnonzero(visible)
     answer = match_target(moved[index], cad, **LIMITS)
-    if isinstance(answer, Match):
+    if isinstance(answer, ConstellationMatch):
         chosen = moved[index[answer.index]]
         assert np.linalg.norm(chosen - moved[0]) <= 2 * LIMITS["tolerance_um"]

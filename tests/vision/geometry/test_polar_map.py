@@ -9,7 +9,7 @@ import pytest
 from sim_hw.scene.optics import TIP_PX, make_optics
 from tests.bench import maps as bench
 from vision.geometry.frames import rotation
-from vision.geometry.image_map import ImageMap, Sighting, angle_groups
+from vision.geometry.image_map import ImageMap, MapPoint, angle_groups
 from vision.geometry.polar_map import PolarMap, direction_deg, fit_polar_map
 from vision.geometry.pose_map import fit_pose_map
 
@@ -109,7 +109,7 @@ def test_its_covariance_grows_with_the_way_and_with_what_is_seen_badly() -> None
 
 def test_a_flipped_picture_makes_an_array_that_corrects() -> None:
     sightings = bench.walk(np.random.default_rng(3), 30.0, 0.0)
-    flipped = [Sighting((1599.0 - s.target_px[0], s.target_px[1]), s.x_um, s.y_um, s.theta_deg) for s in sightings]
+    flipped = [MapPoint((1599.0 - s.target_px[0], s.target_px[1]), s.x_um, s.y_um, s.theta_deg) for s in sightings]
     tip = (1599.0 - TIP_PX[0], TIP_PX[1])
     array = fit_polar_map(flipped, **(GIVEN | {"tip_px": tip, "below_tip_px": (-float(BELOW[0]), float(BELOW[1]))}))
     for k in range(8):
@@ -121,7 +121,7 @@ def test_a_flipped_picture_makes_an_array_that_corrects() -> None:
 def test_one_outlier_does_not_bend_it() -> None:
     sightings = bench.walk(np.random.default_rng(4), 30.0, 0.5)
     bad = sightings[9]
-    sightings[9] = Sighting((bad.target_px[0] - 25.0, bad.target_px[1]), bad.x_um, bad.y_um, bad.theta_deg)
+    sightings[9] = MapPoint((bad.target_px[0] - 25.0, bad.target_px[1]), bad.x_um, bad.y_um, bad.theta_deg)
     array = fit_polar_map(sightings, **GIVEN)
     assert max(_ask(array, tuple(rotation(30.0 * k) @ (500.0, 0.0)), 30.0) for k in range(12)) < 20.0
 
@@ -142,11 +142,11 @@ def test_what_makes_no_array_is_refused() -> None:
     with pytest.raises(ValueError, match=r"at 40\.00 deg"):
         fit_polar_map([*sightings, *bench.walk(np.random.default_rng(5), 40.0, 1.0)[:5]], **GIVEN)
     with pytest.raises(ValueError, match="not finite"):
-        fit_polar_map([*sightings, Sighting((math.nan, 0.0), 0.0, 0.0, 30.0)], **GIVEN)
+        fit_polar_map([*sightings, MapPoint((math.nan, 0.0), 0.0, 0.0, 30.0)], **GIVEN)
     with pytest.raises(ValueError, match="gap"):
         fit_polar_map([s for s in sightings * 2 if s.target_px[0] > TIP_PX[0]], **GIVEN)
     with pytest.raises(ValueError, match="line"):
-        fit_polar_map([Sighting((428.0 + k, 620.0 + 2 * k), 10.0 * k, 20.0 * k, 0.0) for k in range(10)], **GIVEN)
+        fit_polar_map([MapPoint((428.0 + k, 620.0 + 2 * k), 10.0 * k, 20.0 * k, 0.0) for k in range(10)], **GIVEN)
     with pytest.raises(ValueError, match="columns"):
         fit_polar_map(sightings, **GIVEN, columns=3)
     with pytest.raises(ValueError, match="hover"):

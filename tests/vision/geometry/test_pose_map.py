@@ -10,7 +10,7 @@ import pytest
 
 from sim_hw.scene.optics import make_optics
 from vision.geometry.frames import Rigid2, rotation
-from vision.geometry.pose_map import PoseMap, Sighting, fit_pose_map, worst_shrink
+from vision.geometry.pose_map import MapPoint, PoseMap, fit_pose_map, worst_shrink
 from vision.head.model import CircleHead
 
 TIP_PX = (428.0, 620.0)
@@ -26,7 +26,7 @@ def _to_px(head_um: np.ndarray) -> tuple[float, float]:
     return float(q[0] / q[2]), float(q[1] / q[2])
 
 
-def _sightings(rng: np.random.Generator, n: int = 19, theta_deg: float = 30.0, noise_px: float = 0.0) -> list[Sighting]:
+def _sightings(rng: np.random.Generator, n: int = 19, theta_deg: float = 30.0, noise_px: float = 0.0) -> list[MapPoint]:
     mark = np.array([1000.0, 2000.0])
     found = []
     for _ in range(n):
@@ -36,14 +36,14 @@ def _sightings(rng: np.random.Generator, n: int = 19, theta_deg: float = 30.0, n
             if noise_px
             else _to_px(rotation(-theta_deg) @ -offset)
         )
-        found.append(Sighting((float(px[0]), float(px[1])), *(float(v) for v in mark + offset), theta_deg))
+        found.append(MapPoint((float(px[0]), float(px[1])), *(float(v) for v in mark + offset), theta_deg))
     return found
 
 
 GIVEN = {"tip_px": TIP_PX, "below_tip_px": BELOW_PX, "work_z_um": 5200.0, "hover_um": 200.0}
 
 
-def _fit(sightings: list[Sighting], below_sigma_px: float = 0.0) -> PoseMap:
+def _fit(sightings: list[MapPoint], below_sigma_px: float = 0.0) -> PoseMap:
     return fit_pose_map(sightings, **GIVEN, below_sigma_px=below_sigma_px)
 
 
@@ -81,7 +81,7 @@ def test_scale_is_the_larger_one_of_an_oblique_view() -> None:
 def test_one_outlier_does_not_bend_the_map() -> None:
     sightings = _sightings(np.random.default_rng(5))
     bad = sightings[4]
-    sightings[4] = Sighting((bad.target_px[0] + 25.0, bad.target_px[1]), bad.x_um, bad.y_um, bad.theta_deg)
+    sightings[4] = MapPoint((bad.target_px[0] + 25.0, bad.target_px[1]), bad.x_um, bad.y_um, bad.theta_deg)
     places = np.array([(300.0, 100.0)])
     pixels = _fit(_sightings(np.random.default_rng(5))).to_px(places, TIP_PX, 0.0)
     assert np.abs(_fit(sightings).from_tip_um(pixels, TIP_PX, 0.0) - places).max() < 20.0
@@ -91,11 +91,11 @@ def test_too_few_or_lined_up_or_not_finite_sightings_are_refused() -> None:
     sightings = _sightings(np.random.default_rng(6))
     with pytest.raises(ValueError, match="at least"):
         _fit(sightings[:5])
-    line = [Sighting((428.0 + k, 620.0 + 2 * k), 10.0 * k, 20.0 * k, 0.0) for k in range(10)]
+    line = [MapPoint((428.0 + k, 620.0 + 2 * k), 10.0 * k, 20.0 * k, 0.0) for k in range(10)]
     with pytest.raises(ValueError, match="line"):
         _fit(line)
     with pytest.raises(ValueError, match="finite"):
-        _fit([*sightings, Sighting((math.nan, 0.0), 0.0, 0.0, 0.0)])
+        _fit([*sightings, MapPoint((math.nan, 0.0), 0.0, 0.0, 0.0)])
 
 
 def test_a_map_survives_its_file_and_a_torn_file_is_refused(tmp_path: Path) -> None:
@@ -148,7 +148,7 @@ def _camera_px(from_tip_um: np.ndarray, theta_deg: float, height_um: float = 0.0
 
 def _camera_sightings(
     rng: np.random.Generator, angles: tuple[float, ...] = (30.0,), n: int = 17, stop_um: float = 0.0, px: float = 0.0
-) -> list[Sighting]:
+) -> list[MapPoint]:
     """A target at a place of the robot frame, seen while the head stands round it; the tip's circle has run-out."""
     found = []
     for theta_deg in angles:
@@ -158,11 +158,11 @@ def _camera_sightings(
             stop, seen = rng.normal(0.0, stop_um, 2), rng.normal(0.0, px, 2)
             pixel = _camera_px(-(offset + stop), theta_deg)[0] + seen
             place = head_um + offset
-            found.append(Sighting((float(pixel[0]), float(pixel[1])), float(place[0]), float(place[1]), theta_deg))
+            found.append(MapPoint((float(pixel[0]), float(pixel[1])), float(place[0]), float(place[1]), theta_deg))
     return found
 
 
-def _camera_map(sightings: list[Sighting], below_sigma_px: float = 0.0) -> PoseMap:
+def _camera_map(sightings: list[MapPoint], below_sigma_px: float = 0.0) -> PoseMap:
     return fit_pose_map(
         sightings,
         tip_px=TIP_PX,
@@ -279,10 +279,10 @@ def test_sightings_at_several_angles_make_one_map_whatever_the_run_out() -> None
 
 def test_a_flipped_picture_is_told_and_not_refused() -> None:
     straight = _camera_sightings(np.random.default_rng(14))
-    flipped = [Sighting((1599.0 - s.target_px[0], s.target_px[1]), s.x_um, s.y_um, s.theta_deg) for s in straight]
+    flipped = [MapPoint((1599.0 - s.target_px[0], s.target_px[1]), s.x_um, s.y_um, s.theta_deg) for s in straight]
     assert not _camera_map(straight).mirrored
     assert _camera_map(flipped).mirrored
-    turned = [Sighting((1599.0 - s.target_px[0], 1199.0 - s.target_px[1]), s.x_um, s.y_um, 0.0) for s in straight]
+    turned = [MapPoint((1599.0 - s.target_px[0], 1199.0 - s.target_px[1]), s.x_um, s.y_um, 0.0) for s in straight]
     assert not _camera_map(turned).mirrored
 
 
@@ -293,7 +293,7 @@ def test_a_good_map_leaves_a_small_share_and_one_half_made_of_chance_leaves_half
     assert 0.005 < worst_shrink(_camera_sightings(rng, stop_um=5.66, px=0.15), **given) < 0.15
     chance = _camera_sightings(rng, px=18.0)
     assert worst_shrink(chance, **given) > 0.5
-    near = [Sighting((428.0 + k % 3, 620.0 + k // 3), 10.0 * (k % 3), -10.0 * (k // 3), 0.0) for k in range(9)]
+    near = [MapPoint((428.0 + k % 3, 620.0 + k // 3), 10.0 * (k % 3), -10.0 * (k // 3), 0.0) for k in range(9)]
     with pytest.raises(ValueError, match="farther"):
         worst_shrink(near, **given)
 
@@ -301,7 +301,7 @@ def test_a_good_map_leaves_a_small_share_and_one_half_made_of_chance_leaves_half
 def test_a_single_bad_sighting_among_many_is_left_out_of_the_shares() -> None:
     sightings = _camera_sightings(np.random.default_rng(16), stop_um=5.66)
     bad = sightings[3]
-    sightings[3] = Sighting((bad.target_px[0] + 30.0, bad.target_px[1]), bad.x_um, bad.y_um, bad.theta_deg)
+    sightings[3] = MapPoint((bad.target_px[0] + 30.0, bad.target_px[1]), bad.x_um, bad.y_um, bad.theta_deg)
     given = {"tip_px": TIP_PX, "below_tip_px": _below_px(0.0), "work_z_um": 5200.0, "hover_um": HOVER_UM}
     assert worst_shrink(sightings, **given) < 0.15
     assert _camera_map(sightings).residual_um < 15.0
@@ -344,7 +344,7 @@ def test_sightings_that_contradict_each_other_put_no_horizon_into_the_picture() 
     rng = np.random.default_rng(17)
     for _ in range(20):
         wild = [
-            Sighting(tuple(rng.uniform(300, 600, 2)), *(float(v) for v in rng.uniform(-700, 700, 2)), 0.0)
+            MapPoint(tuple(rng.uniform(300, 600, 2)), *(float(v) for v in rng.uniform(-700, 700, 2)), 0.0)
             for _ in range(9)
         ]
         try:

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daemon.domain.errors import Fault, Kind
+from daemon.domain.errors import Fault, FaultCode
 from daemon.procedures.calibrate.head_angles import DEFAULT_ANGLES, STEP_DEG, between, plan_angles
 
 WHOLE = (-220.0, 100.0)
@@ -50,4 +50,4 @@ def test_landings_are_tried_between_the_angles_that_were_fitted() -> None:
 def test_too_few_angles_are_refused_with_their_number() -> None:
     with pytest.raises(Fault, match="at least 6") as caught:
         plan_angles(None, 45.0, 0.0, 100.0)
-    assert caught.value.kind is Kind.INVALID_REQUEST
+    assert caught.value.kind is FaultCode.INVALID_REQUEST

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from daemon.procedures.calibrate.pose_map import MAX_RESIDUAL_UM, refuse_bad_map
-from vision.geometry.pose_map import PoseMap, Sighting, fit_pose_map
+from vision.geometry.pose_map import MapPoint, PoseMap, fit_pose_map
 
 GIVEN = {"tip_px": (428.0, 620.0), "below_tip_px": (3.9, 7.7), "work_z_um": 5200.0, "hover_um": 200.0}
 MARK_UM = np.array((1000.0, 2000.0))
 
 
-def _sightings(*, flipped: bool = False, noise_um: float = 5.0) -> list[Sighting]:
+def _sightings(*, flipped: bool = False, noise_um: float = 5.0) -> list[MapPoint]:
     """Return what an unflipped camera above the board sees, 12 um a pixel: right is +x, up is +y."""
     rng = np.random.default_rng(3)
     seen = []
@@ -22,11 +22,11 @@ def _sightings(*, flipped: bool = False, noise_um: float = 5.0) -> list[Sighting
         right, up = (MARK_UM - head_um) / 12.0
         x_px, y_px = 428.0 + right, 620.0 - up
         at = head_um + rng.normal(0.0, noise_um, 2)
-        seen.append(Sighting((1599.0 - x_px if flipped else x_px, y_px), float(at[0]), float(at[1]), 0.0))
+        seen.append(MapPoint((1599.0 - x_px if flipped else x_px, y_px), float(at[0]), float(at[1]), 0.0))
     return seen
 
 
-def _refuse(pose_map: PoseMap, sightings: list[Sighting]) -> None:
+def _refuse(pose_map: PoseMap, sightings: list[MapPoint]) -> None:
     # Of a walk the judgement asks for no more than these two.
     refuse_bad_map(pose_map, cast("Any", SimpleNamespace(sightings=sightings, tip_px=GIVEN["tip_px"])))
 

@@ -19,7 +19,7 @@ from daemon.storage.calibration_records import (
     SurfaceRecord,
 )
 from vision.geometry.frames import rotation
-from vision.geometry.pose_map import PoseMap, Sighting, fit_pose_map
+from vision.geometry.pose_map import MapPoint, PoseMap, fit_pose_map
 from vision.geometry.surface_plane import fit_plane
 from vision.head.circle import fit_circle
 from vision.head.model import CircleHead, FourierHead, head_to_dict, tip_offsets_um
@@ -126,7 +126,7 @@ def map_record(*, seed: int = 1, stretch: float = 1.0, noise_um: float = 5.0, **
     for away in places:
         px = camera_px(rotation(-theta) @ -np.asarray(away))[0]
         x, y = (CONTROL_UM + np.asarray(away) * stretch + rng.normal(0, noise_um, 2)).tolist()
-        seen.append(Sighting((float(px[0]), float(px[1])), x, y, theta))
+        seen.append(MapPoint((float(px[0]), float(px[1])), x, y, theta))
     fitted: PoseMap = fit_pose_map(seen, tip_px=TIP_PX, below_tip_px=BELOW_PX, work_z_um=20_000.0, hover_um=500.0)
     raw = made(**changes) | {
         "mark": "C7", "theta_deg": theta, "tip_px": TIP_PX, "pose_map": json.loads(fitted.to_json()),

@@ -6,12 +6,12 @@ import re
 from pathlib import Path
 
 from daemon.tools.report.index import renew_index, write_index
-from daemon.tools.report.page import Page, Verdict, render
+from daemon.tools.report.page import Page, PageVerdict, render
 
 
 def _page(file: Path, made_at: str, *, kind: str = "backlash", station: str = "bench-1", good: bool = True) -> None:
     """Write a page without plots: the index reads only what a page says of itself."""
-    verdict = Verdict(good, f"Because of {file.stem} & more.")
+    verdict = PageVerdict(good, f"Because of {file.stem} & more.")
     file.write_text(render(Page(kind, "Something", station, made_at, "job-1", verdict, (), ())))
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from daemon.storage.calibration_records import Record
-from daemon.tools.report.page import Number, Verdict, render
+from daemon.tools.report.page import Number, PageVerdict, render
 from daemon.tools.report.pages import ROOMS, make_page, write_page
 from tests.daemon.tools.report.synthetic import (
     alignment_record,
@@ -35,7 +35,7 @@ MAKERS: dict[str, Callable[..., Any]] = {
 HOSTILE = "<script>alert('x')</script>\"&"
 
 
-def _verdict(record: Record) -> Verdict:
+def _verdict(record: Record) -> PageVerdict:
     return ROOMS[record.what].verdict(record)  # type: ignore[no-any-return]
 
 
