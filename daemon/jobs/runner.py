@@ -36,6 +36,8 @@ from drivers.deadline import Deadline
 LENGTHY = frozenset({"calibrate", "align"})
 """Jobs of minutes, whose deadline is another one where the request brings none."""
 DARK_WITHIN_S = 2.0
+EXCLUSIVE_WITHIN_S = 60.0
+"""What a reset, a health check or a reload may take at most while a job waits for it."""
 log = structlog.get_logger(__name__)
 
 
@@ -163,7 +165,8 @@ class JobRunner:
         """Run jobs until cancelled; cancelling stops the one under way safely."""
         while True:
             ticket = await self._next()
-            async with self._with.lock.hold("job"):
+            waiting = self._watchdog.patience(EXCLUSIVE_WITHIN_S)
+            async with self._with.lock.hold("job", every_s=self._watchdog.every_s, still_waiting=waiting):
                 self._watchdog.begin(ticket.due_s)
                 running = asyncio.create_task(self._run_one(ticket), name=f"job {ticket.request.id}")
                 try:

@@ -1,26 +1,23 @@
 """An id is answered the same way for ever, and nobody waits for an answer that cannot come."""
 
 from pathlib import Path
-from typing import Any, cast
 
 import pytest
 
-from daemon.config.model import ServoSection
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.results import JobResult
-from daemon.domain.states import Machine
 from daemon.jobs.runner import JobRunner
 from daemon.platform.clock import utc_now
 from daemon.storage.journal import Journal
 from daemon.wire.requests import Home, Place
+from tests.daemon.jobs.surroundings import surroundings
 
 HOME = Home(op="home", id="a")
 WRITTEN = HOME.model_dump_json(exclude={"wait", "deadline_ms"})
 
 
 def _jobs(journal: Journal) -> JobRunner:
-    nobody = cast("Any", None)  # neither events nor pictures are reached by an id that is known
-    return JobRunner(Machine(lambda *_: None), journal, nobody, nobody, "s", ServoSection(), {}, queue_length=4)
+    return JobRunner(surroundings(journal=journal))
 
 
 async def test_a_known_id_is_answered_from_the_journal_and_only_for_the_same_request(tmp_path: Path) -> None:
