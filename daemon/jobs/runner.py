@@ -29,11 +29,10 @@ from daemon.platform.clock import utc_now
 from daemon.station.device_errors import as_fault, forget_frames
 from daemon.storage.journal import Journal
 from daemon.wire.deadline import due_at_s
-from daemon.wire.requests import AnyJob
+from daemon.wire.operations.jobs import AnyJob
+from daemon.wire.operations.table import OPERATIONS
 from drivers.deadline import Deadline
 
-LENGTHY = frozenset({"calibrate", "align"})
-"""Jobs of minutes, whose deadline is another one where the request brings none."""
 DARK_WITHIN_S = 2.0
 log = structlog.get_logger(__name__)
 
@@ -91,7 +90,7 @@ class JobRunner:
         if known is not None:
             return known
         refuse_in_fault(request, self.fault)
-        lengthy = request.op in LENGTHY
+        lengthy = OPERATIONS.row(request.op).is_lengthy
         due_s = due_at_s(
             request.deadline_ms, self._servo.calibration_timeout_s if lengthy else self._servo.job_timeout_s
         )

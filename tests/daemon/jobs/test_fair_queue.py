@@ -13,7 +13,7 @@ from daemon.jobs.fair_queue import FairQueue
 from daemon.jobs.runner import JobRunner
 from daemon.server.rate_limit import BUCKETS, RateLimit
 from daemon.storage.journal import Journal
-from daemon.wire.requests import Place
+from daemon.wire.operations.jobs import Place
 
 
 async def test_one_who_sends_much_does_not_hold_up_one_who_sends_little() -> None:

@@ -12,7 +12,7 @@ from daemon.domain.states import Machine
 from daemon.jobs.runner import JobRunner
 from daemon.platform.clock import utc_now
 from daemon.storage.journal import Journal
-from daemon.wire.requests import Home, Place
+from daemon.wire.operations.jobs import Home, Place
 
 HOME = Home(op="home", id="a")
 WRITTEN = HOME.model_dump_json(exclude={"wait", "deadline_ms"})
