@@ -188,9 +188,9 @@ def test_one_more_row_is_on_the_page_with_sentence_role_and_examples(extended: O
     assert "### wipe\n\nWipe the tip on the brush. Role: operate.\n" in text
     assert '{"v": 1, "op": "wipe", "id": "wipe-1", "strokes": 5}' in text
     assert "Reply: It will be wiped.\n" in text
-    assert "`calibrate`, `home` and `wipe` are jobs." in text
+    assert " and `wipe` are jobs." in text
     assert re.search(r"^\| operate \| .*`wipe` \|$", text, re.MULTILINE)
-    assert "homed, wiped or failed" in text
+    assert ", wiped or failed" in text
     assert "wipe" not in page(ApiSection)
 
 
