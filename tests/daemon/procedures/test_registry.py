@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import sys
 from collections.abc import Iterator
 from importlib import import_module
@@ -59,3 +60,13 @@ def test_an_operation_with_two_bodies_is_refused(package: ModuleType, tmp_path: 
     (tmp_path / "written_procedures" / "other.py").write_text("async def wipe(job, context): ...\n")
     with pytest.raises(LookupError, match="'wipe' has 2 procedures"):
         find_procedures(["wipe"], package)
+
+
+def test_how_a_body_says_its_job_ended_is_in_the_row_of_an_operation() -> None:
+    said = set()
+    for path in Path(daemon.procedures.__file__).parent.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "Outcome":
+                said |= {arg.value for arg in node.args[:1] if isinstance(arg, ast.Constant)}
+    assert "placed" in said
+    assert said <= set(OPERATIONS.outcomes)
