@@ -30,11 +30,10 @@ from daemon.platform.clock import utc_now
 from daemon.station.device_errors import as_fault, forget_frames
 from daemon.storage.journal import Journal
 from daemon.wire.deadline import due_at_s
-from daemon.wire.requests import AnyJob
+from daemon.wire.operations.jobs import AnyJob
+from daemon.wire.operations.table import OPERATIONS
 from drivers.deadline import Deadline
 
-LENGTHY = frozenset({"calibrate", "align"})
-"""Jobs of minutes, whose deadline is another one where the request brings none."""
 DARK_WITHIN_S = 2.0
 EXCLUSIVE_WITHIN_S = 60.0
 """What a reset, a health check or a reload may take at most while a job waits for it."""
@@ -114,7 +113,7 @@ class JobRunner:
             raise Fault(FaultCode.SHUTTING_DOWN)
         refuse_in_fault(self._latch.against(request.op))
         limits = self._with.limits()
-        lengthy = request.op in LENGTHY
+        lengthy = OPERATIONS.row(request.op).is_lengthy
         due_s = due_at_s(request.deadline_ms, limits.calibration_timeout_s if lengthy else limits.job_timeout_s)
         self._refuse_too_many(client, limits)
         context = self._with.context()

@@ -22,7 +22,7 @@ from daemon.jobs.runner import JobRunner
 from daemon.jobs.station_lock import StationLock
 from daemon.storage.calibration_store import Calibrations
 from daemon.tools.demo.settings import Places, write_settings
-from daemon.wire.requests import parse_request
+from daemon.wire.operations.table import OPERATIONS
 from drivers.errors import CameraError, DriveFault, EmergencyStop, LightError, LinkTimeout
 from tests.daemon.app.fake_hardware import FakeHardware, Gate, hardware
 from tests.daemon.jobs.memory_journal import MemoryJournal
@@ -84,7 +84,7 @@ class Station:
     async def submit(self, op: str, job_id: str) -> str:
         """Send a job and return how it was taken."""
         try:
-            await self.runner.submit(parse_request({"op": op, "id": job_id, **JOBS[op]}))  # type: ignore[arg-type]
+            await self.runner.submit(OPERATIONS.parse({"op": op, "id": job_id, **JOBS[op]}))  # type: ignore[arg-type]
         except Fault as fault:
             return fault.kind.wire_name
         return "accepted"

@@ -11,7 +11,7 @@ from daemon.jobs.fair_queue import FairQueue
 from daemon.jobs.runner import JobRunner
 from daemon.server.rate_limit import BUCKETS, RateLimit
 from daemon.storage.journal import Journal
-from daemon.wire.requests import Place
+from daemon.wire.operations.jobs import Place
 from tests.daemon.jobs.surroundings import LIMITS, surroundings
 
 

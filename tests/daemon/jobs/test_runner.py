@@ -21,7 +21,8 @@ from daemon.jobs.observer import JobObserver
 from daemon.jobs.runner import JobRunner
 from daemon.platform.clock import utc_now
 from daemon.storage.journal import Journal
-from daemon.wire.requests import AnyJob, Home, Place, parse_request
+from daemon.wire.operations.jobs import AnyJob, Home, Place
+from daemon.wire.operations.table import OPERATIONS
 from drivers.errors import LightError, Stalled
 from tests.daemon.jobs.memory_journal import MemoryJournal
 from tests.daemon.jobs.surroundings import LIMITS, Published, idle_latch, surroundings
@@ -139,7 +140,7 @@ class _Line:
         return await self.body(job)
 
     async def ask(self, op: str = "look", job_id: str = "j", client: str = "", **fields: Any) -> asyncio.Future[Any]:
-        request = parse_request({"op": op, "id": job_id, **fields})
+        request = OPERATIONS.parse({"op": op, "id": job_id, **fields})
         return await self.runner.submit(cast("AnyJob", request), client)
 
     async def do(self, op: str = "look", job_id: str = "j", **fields: Any) -> JobResult:

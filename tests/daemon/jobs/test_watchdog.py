@@ -11,7 +11,7 @@ from daemon.jobs.runner import EXCLUSIVE_WITHIN_S, JobRunner
 from daemon.jobs.station_lock import StationLock
 from daemon.jobs.watchdog import GRACE_S, SILENT_S, Watchdog
 from daemon.storage.journal import Journal
-from daemon.wire.requests import Home
+from daemon.wire.operations.jobs import Home
 from tests.daemon.jobs.surroundings import surroundings
 
 
