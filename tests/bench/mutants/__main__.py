@@ -21,6 +21,8 @@ from tests.bench.mutants.runner import NotSoundError, Outcome, check
 from tests.bench.mutants.sampling import sample
 
 ROOT = Path(__file__).parents[3]
+NO_SHRINKING = "--hypothesis-profile=first-failure"
+"""That a property fails is enough; the simplest example of it is not wanted."""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -29,7 +31,7 @@ def main(arguments: list[str] | None = None) -> int:
     planned = sample(ROOT, chosen(asked.files), asked.count, asked.seed)
     print(f"{len(planned)} mutants, seed {asked.seed}", flush=True)
     try:
-        outcomes = check(ROOT, planned, asked.workers, asked.timeout_s, _tell)
+        outcomes = check(ROOT, planned, asked.workers, asked.timeout_s, _tell, (NO_SHRINKING,))
     except NotSoundError as exc:
         print(exc)
         return 2

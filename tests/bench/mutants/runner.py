@@ -40,15 +40,17 @@ def check(
     workers: int,
     limit_s: float | None,
     tell: Callable[[Outcome], None],
+    options: tuple[str, ...] = (),
 ) -> list[Outcome]:
-    """Run every planned mutant, in the order given; `limit_s` None takes it from the sound run of each file.
+    """Run every planned mutant, in the order given; return what came of each.
 
+    `limit_s`: of each run; None takes it from the sound run of each file. `options` go to pytest.
     Raises NotSoundError where the unchanged file's tests do not pass. An interrupt kills what runs and removes the
     copies.
     """
     files = list(dict.fromkeys(core for core, _ in planned))
     with ExitStack() as stack:
-        shops = [stack.enter_context(Workshop(root)) for _ in range(max(1, min(workers, len(planned))))]
+        shops = [stack.enter_context(Workshop(root, options)) for _ in range(max(1, min(workers, len(planned))))]
         free: SimpleQueue[Workshop] = SimpleQueue()
         for shop in shops:
             free.put(shop)

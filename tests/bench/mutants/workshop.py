@@ -38,8 +38,9 @@ class Run:
 class Workshop:
     """A temporary copy of the project; a context manager that leaves nothing behind, no file and no process."""
 
-    def __init__(self, root: Path) -> None:
-        self._root = root
+    def __init__(self, root: Path, options: tuple[str, ...] = ()) -> None:
+        """Copy `root`; `options` go to every run of pytest."""
+        self._root, self._options = root, options
         self._process: subprocess.Popen[str] | None = None
         self._closed = False
         self._writes = 0
@@ -83,7 +84,7 @@ class Workshop:
     def _pytest(self, tests: tuple[str, ...], limit_s: float) -> Run:
         began_s = time.monotonic()
         process = subprocess.Popen(
-            [*PYTEST, str(self._copy.parent / "tmp"), *tests],
+            [*PYTEST, str(self._copy.parent / "tmp"), *self._options, *tests],
             cwd=self._copy,
             env=os.environ | {"PYTHONPATH": str(self._copy)},
             stdin=subprocess.DEVNULL,
