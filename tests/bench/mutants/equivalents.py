@@ -24,6 +24,18 @@ EQUIVALENTS: tuple[Equivalent, ...] = (
         "self._shown_at_s = 1.0",
         "read only while a job is watched, and `begin` sets it when that begins",
     ),
+    Equivalent(
+        "vision/geometry/board_alignment.py",
+        "turn = (pose.theta_deg - nominal.theta_deg + 180.0) % 360.0 - 180.0",
+        "turn = (pose.theta_deg - nominal.theta_deg - 180.0) % 360.0 - 180.0",
+        "half a turn more or less is the same modulo a whole one",
+    ),
+    Equivalent(
+        "vision/geometry/board_alignment.py",
+        "yield from (order for order in permutations(range(n)) if order != tuple(range(n)))",
+        "yield from (order for order in permutations(range(n)) if True)",
+        "orders are tried only where the given one has been found not to fit; asked again it fits no better",
+    ),
 )
 
 

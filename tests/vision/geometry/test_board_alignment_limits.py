@@ -57,6 +57,15 @@ def test_a_scale_as_far_off_as_the_limit_is_taken_and_one_farther_off_is_not(sca
         _align(FOUR, FOUR * scale, max_scale_error=less(limit))
 
 
+def test_another_scale_is_told_as_one_where_the_residuals_are_as_large_as_the_limit() -> None:
+    seen = SCATTERED * 1.005
+    limit = float(np.linalg.norm(_align(FOUR, seen, max_scale_error=1.0).residuals_um, axis=1).max())
+    with pytest.raises(ValueError, match=r"1\.00\d+ times as large"):
+        _align(FOUR, seen, max_residual_um=limit)
+    with pytest.raises(ValueError, match="no single one is to blame"):
+        _align(FOUR, seen, max_residual_um=less(limit))
+
+
 def test_another_scale_and_a_wrong_fiducial_are_not_told_as_a_scale() -> None:
     seen = FOUR * 1.005
     seen[2] += (0.0, 900.0)
@@ -177,12 +186,10 @@ def test_three_in_a_ring_are_named_among_five_and_not_looked_for_among_six() -> 
 
 
 def test_of_several_orders_that_fit_the_one_with_the_fewest_exchanged_is_named() -> None:
-    """A rectangle turned by half explains two exchanged pairs; of a square, one pair across is never enough."""
-    square = np.array([(0.0, 0.0), (30000.0, 0.0), (30000.0, 30000.0), (0.0, 30000.0), (15000.0, 4000.0)])
-    seen = square.copy()
-    seen[[0, 1]] = seen[[1, 0]]
+    """A square is itself after each quarter turn, so two swapped corners are also three or four in a ring."""
+    square = np.array([(0.0, 0.0), (30000.0, 0.0), (30000.0, 30000.0), (0.0, 30000.0)])
     with pytest.raises(ValueError, match="board: F1 and F2 are swapped; put"):
-        _align(square, seen)
+        _align(square, square[[1, 0, 2, 3]])
 
 
 def test_three_fiducials_tell_the_worst_one_but_not_the_wrong_one() -> None:
