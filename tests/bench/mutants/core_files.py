@@ -38,7 +38,10 @@ CORE_FILES: tuple[CoreFile, ...] = (
         "vision/geometry/board_alignment.py",
         ("tests/vision/geometry/test_board_alignment.py", "tests/vision/geometry/test_board_alignment_limits.py"),
     ),
-    CoreFile("vision/geometry/pose_map.py", ("tests/vision/geometry/test_pose_map.py",)),
+    CoreFile(
+        "vision/geometry/pose_map.py",
+        ("tests/vision/geometry/test_pose_map.py", "tests/vision/geometry/test_pose_map_numbers.py"),
+    ),
     CoreFile("vision/pads/rules.py", ("tests/vision/pads/test_rules.py", "tests/vision/pads/test_rule_limits.py")),
 )
 
