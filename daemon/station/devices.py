@@ -115,12 +115,13 @@ async def open_buses(config: Config, stack: AsyncExitStack) -> dict[str, ModbusB
     buses: dict[str, ModbusBus] = {}
     for name, section in config.bus.items():
         gap_s, timeout_s = section.gap_ms / 1e3, section.timeout_ms / 1e3
-        buses[name] = await ModbusBus.open(_line(section), gap_s=gap_s, timeout_s=timeout_s)
+        buses[name] = await ModbusBus.open(bus_line(section), gap_s=gap_s, timeout_s=timeout_s)
         stack.push_async_callback(buses[name].close)
     return buses
 
 
-def _line(section: BusSection) -> Line:
+def bus_line(section: BusSection) -> Line:
+    """Return the line a section describes: over TCP where it names a host, else serial."""
     if section.host is not None:
         return TcpLine(section.host, section.tcp_port, section.framing)
     return SerialLine(str(section.port), section.baudrate, section.parity, section.stopbits)
@@ -129,7 +130,7 @@ def _line(section: BusSection) -> Line:
 def make_axes(config: Config, buses: Mapping[str, ModbusBus]) -> dict[str, Axis]:
     """Return the four axes on their lines; nothing is asked or moved yet."""
     sections = {name: getattr(config.axes, name) for name in ("x", "y", "z", "theta")}
-    return {name: Axis(buses[section.bus], _axis(name, section)) for name, section in sections.items()}
+    return {name: Axis(buses[section.bus], axis_config(name, section)) for name, section in sections.items()}
 
 
 def _gantry(config: Config, buses: Mapping[str, ModbusBus]) -> Gantry:
@@ -142,7 +143,8 @@ def _gantry(config: Config, buses: Mapping[str, ModbusBus]) -> Gantry:
     return Gantry(axes, limits)
 
 
-def _axis(name: str, section: AxisSection) -> AxisConfig:
+def axis_config(name: str, section: AxisSection) -> AxisConfig:
+    """Return what the driver of an axis is told of its section."""
     homing = HomingConfig(
         method=section.homing_method,
         switch_speed_units_s=section.homing_speed,

@@ -24,6 +24,8 @@ LEAST_BASELINE_RESIDUALS = 100.0
 """The farthest two fiducials are so many of the largest residuals apart, or more: else a turn is mere scatter."""
 LEAST_ACROSS, LEAST_ACROSS_RESIDUALS = 0.05, 10.0
 """Root mean square spread in the lesser direction, against the greater and against the largest residual."""
+FARTHEST_UM = 1e9
+"""No coordinate is beyond this, a kilometre: what is farther off is no place, and its squares may overflow."""
 MOST_PERMUTED = 5
 """Of up to so many fiducials every order is tried; of more, every exchange of two."""
 
@@ -126,6 +128,8 @@ def _check_pairs(board_um: ArrayLike, robot_um: ArrayLike, names: Sequence[str])
         raise ValueError("a fiducial is named twice; give each one its own name")
     if len(board) < LEAST_FIDUCIALS:
         raise ValueError(f"{len(board)} fiducials; an alignment needs {LEAST_FIDUCIALS} or more, find another one")
+    if max(np.abs(board).max(), np.abs(robot).max()) > FARTHEST_UM:
+        raise ValueError("a fiducial lies beyond all bounds; check the unit of the board file, or find it again")
     return board, robot
 
 

@@ -23,7 +23,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vision.geometry.frames import Array, rotation
-from vision.geometry.homography import HomographyFit, apply_homography, fit_homography, jacobian, parameter_jacobian
+from vision.geometry.homography import (
+    MIN_PAIRS,
+    HomographyFit,
+    apply_homography,
+    fit_homography,
+    jacobian,
+    parameter_jacobian,
+)
 from vision.geometry.image_map import Correction, MapPoint, angle_groups, sightings_px, sightings_um
 
 __all__ = ["FORMAT", "Correction", "MapPoint", "PoseMap", "fit_pose_map", "worst_shrink"]
@@ -215,11 +222,13 @@ def fit_pose_map(
 
 
 def _fit(sightings: Sequence[MapPoint]) -> HomographyFit:
+    if not sightings:
+        raise ValueError(f"no sightings; the map needs at least {MIN_PAIRS}")
     px, place_um = sightings_px(sightings), sightings_um(sightings)
     theta_deg = np.array([s.theta_deg for s in sightings], dtype=float)
     if not (np.isfinite(px).all() and np.isfinite(place_um).all() and np.isfinite(theta_deg).all()):
         raise ValueError("a sighting is not finite")
-    away = np.zeros(2) if not len(px) else place_um.mean(axis=0) - place_um
+    away = place_um.mean(axis=0) - place_um
     um = np.array([rotation(-t) @ u for t, u in zip(theta_deg, away, strict=True)]).reshape(-1, 2)
     return fit_homography(px, um, angle_groups([float(t) for t in theta_deg]), theta_deg)
 

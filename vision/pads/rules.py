@@ -19,9 +19,9 @@ SITE_RADIUS_PX = (14.0, 21.0)
 CLASS_SLACK_PX = 0.5
 # Of a partly hidden one it is known this much worse.
 HIDDEN_SLACK_PX = 0.5
-# Thesis 5.4.2 steps 4 and 5.
+# Thesis 5.4.2 steps 4 and 5. Step 4's other limit, under 2 px wide and over 10 px long, lies within the ratio.
 LEAST_AREA_PX = 20.0
-THIN_RATIO, THIN_WIDTH_PX, THIN_LENGTH_PX = 5.0, 2.0, 10.0
+THIN_RATIO = 5.0
 # A CAD radius is met within this share (but at least this many px).
 EXPECTED_SHARE, EXPECTED_SLACK_PX = 0.12, 1.0
 # Less than this above its surroundings is a trace under the mask, not metal.
@@ -153,9 +153,8 @@ def faint(seen: SeenObject, _wanted: Wanted) -> Verdict:
 
 def thin(seen: SeenObject, _wanted: Wanted) -> Verdict:
     """Throw lines (5.4.2 step 4)."""
-    long_and_narrow = seen.thickness_px < THIN_WIDTH_PX and seen.length_px > THIN_LENGTH_PX
     ratio = seen.length_px / max(seen.thickness_px, 1e-6)
-    return Verdict.THROW if seen.circle is None and (long_and_narrow or ratio > THIN_RATIO) else Verdict.PASS
+    return Verdict.THROW if seen.circle is None and ratio > THIN_RATIO else Verdict.PASS
 
 
 def needle(seen: SeenObject, _wanted: Wanted) -> Verdict:

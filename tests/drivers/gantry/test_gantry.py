@@ -2,7 +2,7 @@
 
 import asyncio
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import pytest
@@ -57,12 +57,16 @@ class Machine:
             await asyncio.sleep(0.001)
 
 
-@pytest.fixture
-async def machine(make_line: MakeLine, open_bus: OpenBus) -> Machine:
-    drives = {name: DriveModel(config.address, step=20_000_000) for name, config in AXES.items()}
+async def _machine(make_line: MakeLine, open_bus: OpenBus, axes: Mapping[str, AxisConfig]) -> Machine:
+    drives = {name: DriveModel(config.address, step=20_000_000) for name, config in axes.items()}
     line = make_line(several(*drives.values()))
     bus = await open_bus(line, timeout_s=0.4, late_reply_s=0.4, attempts=2)
-    return Machine(Gantry({name: Axis(bus, c) for name, c in AXES.items()}, GantryConfig()), drives, line)
+    return Machine(Gantry({name: Axis(bus, c) for name, c in axes.items()}, GantryConfig()), drives, line)
+
+
+@pytest.fixture
+async def machine(make_line: MakeLine, open_bus: OpenBus) -> Machine:
+    return await _machine(make_line, open_bus, AXES)
 
 
 @pytest.fixture
@@ -106,11 +110,10 @@ class _Recorder(list):
         self.shared.append((self.name, entry))
 
 
-async def test_homing_lifts_a_z_that_homes_below(machine: Machine, soon: Deadline) -> None:
+async def test_homing_lifts_a_z_that_homes_below(make_line: MakeLine, open_bus: OpenBus, soon: Deadline) -> None:
     """It should go up to the safe height before the head turns or goes aside."""
     low = dataclasses.replace(AXES["z"], homing=HomingConfig(method=17))
-    machine.gantry._axes["z"].config = low
-    machine.gantry._axes["z"]._drive.config = low
+    machine = await _machine(make_line, open_bus, AXES | {"z": low})
     await machine.gantry.home(soon)
     assert (await machine.gantry.position(soon)).z_um == 12000.0
 
@@ -193,7 +196,7 @@ async def test_one_failing_axis_stops_the_others(
     spoil(homed)
     with pytest.raises(error):
         await task
-    if homed.line._master >= 0:
+    if homed.line.plugged:
         assert all(drive.state != 0x27 for name, drive in homed.drives.items() if name != "y")
 
 
