@@ -7,7 +7,7 @@ import pytest
 from daemon.domain.board import Board, BoardPoint
 from daemon.domain.errors import Fault, FaultCode
 from daemon.jobs.preconditions import refuse_in_fault, refuse_other_request, refuse_unknown_point
-from daemon.wire.requests import Align, AnyJob, Correct, Home, Look, Place
+from daemon.wire.operations.jobs import Align, AnyJob, Correct, Home, Look, Place
 
 BOARD = Board(
     name="b",
@@ -26,23 +26,14 @@ HOME = Home(op="home", id="h")
 CORRECT = Correct(op="correct", id="c", test_point="TP1")
 
 
-@pytest.mark.parametrize("request_", [HOME, CORRECT], ids=["home", "correct"])
-def test_without_a_latched_fault_everything_is_let_in(request_: AnyJob) -> None:
-    refuse_in_fault(request_, None)
+def test_without_a_latched_fault_everything_is_let_in() -> None:
+    refuse_in_fault(None)
 
 
-def test_axes_that_are_not_homed_let_homing_in_and_nothing_else() -> None:
-    refuse_in_fault(HOME, Fault(FaultCode.NOT_HOMED))
-    with pytest.raises(Fault) as caught:
-        refuse_in_fault(CORRECT, Fault(FaultCode.NOT_HOMED))
-    assert caught.value.kind is FaultCode.IN_FAULT
-
-
-@pytest.mark.parametrize("request_", [HOME, CORRECT], ids=["home", "correct"])
-def test_any_other_fault_refuses_homing_too_and_names_its_first_cause(request_: AnyJob) -> None:
+def test_a_fault_refuses_and_names_its_first_cause() -> None:
     latched = Fault(FaultCode.AXIS_STALLED, "z stands still", advice="free it")
     with pytest.raises(Fault, match="the daemon is in fault: z stands still") as caught:
-        refuse_in_fault(request_, latched)
+        refuse_in_fault(latched)
     assert caught.value.kind is FaultCode.IN_FAULT
     assert caught.value.advice == "free it"
     assert caught.value.detail["first_cause"]["code"] == FaultCode.AXIS_STALLED.code

@@ -194,3 +194,14 @@ async def test_a_job_that_fails_ends_the_loop_with_its_error() -> None:
 
     with pytest.raises(RuntimeError, match="broken"):
         await watchdog.supervise(asyncio.create_task(broken()), lambda: 0)
+
+
+def test_waiting_for_something_else_feeds_for_as_long_as_it_may_take() -> None:
+    dog = FakeManager()
+    still_waiting = dog.watchdog().patience(60.0)
+    for _ in range(3):
+        still_waiting()
+    assert dog.meals == 3
+    dog.now_s += 60.0
+    still_waiting()
+    assert dog.meals == 3
