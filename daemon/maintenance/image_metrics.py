@@ -14,10 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision import ProbeModel, Tip
-from vision.core.image import Bgr, gray, red_signal
-from vision.core.image_quality import measure_quality
-from vision.tip.probe_model import needle_outline
-from vision.tip.strip import straighten
+from vision.core import Bgr, gray, measure_quality, red_signal
+from vision.tip import needle_outline, straighten
 
 # The needle's own flanks are blurred: this much of them is left out.
 INSET_PX = 3.0

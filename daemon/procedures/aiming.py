@@ -14,10 +14,8 @@ from daemon.jobs.context import JobContext, StationContext
 from daemon.station.station import LookResult, Search
 from drivers.gantry import Position
 from vision import NotFound, Reason, TestPoint, Tip
-from vision.geometry.constellation import ConstellationMatch, match_near, match_target
-from vision.geometry.frames import Array
-from vision.geometry.pose_map import Correction, PoseMap
-from vision.pads.occlusion import needle_hides
+from vision.geometry import Array, ConstellationMatch, Correction, PoseMap, match_near, match_target
+from vision.pads import needle_hides
 
 UNUSABLE = frozenset({Reason.TOO_DARK, Reason.SATURATED, Reason.BLURRED, Reason.OUT_OF_FRAME})
 STILL_UM = 45.0

@@ -6,9 +6,8 @@ import numpy as np
 
 from vision.annotate.page import PagePanel, fitting_zoom
 from vision.annotate.sheet import ANSWER, FRAME, INK, USED, Sheet, brightened, crop
-from vision.control_point.find import ControlPoint
-from vision.core.image import Bgr, check_bgr
-from vision.core.not_found import NotFound
+from vision.control_point import ControlPoint
+from vision.core import Bgr, NotFound, check_bgr
 
 MARGIN_PX = 6
 LEGEND = ((ANSWER, "centre"), (USED, "arms"), (FRAME, "where the centre may lie"))

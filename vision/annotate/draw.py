@@ -12,12 +12,10 @@ from vision.annotate.pads import pads_panel, unsearched_panel, verdict_on_pads
 from vision.annotate.page import PagePanel, page
 from vision.annotate.sheet import crop
 from vision.annotate.tip import click_panel, tip_panel, verdict_on_tip
-from vision.control_point.find import ControlPoint
-from vision.core.image import Bgr
-from vision.core.not_found import NotFound
-from vision.pads.find import Seen
-from vision.tip.find import Tip
-from vision.tip.probe_model import ProbeModel
+from vision.control_point import ControlPoint
+from vision.core import Bgr, NotFound
+from vision.pads import Seen
+from vision.tip import ProbeModel, Tip
 
 __all__ = ["Searched", "crop", "draw_control_point", "draw_look", "draw_test_points", "draw_tip", "draw_untaught"]
 

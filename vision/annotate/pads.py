@@ -9,13 +9,9 @@ import numpy as np
 
 from vision.annotate.page import PagePanel, fitting_zoom
 from vision.annotate.sheet import ANSWER, FRAME, INK, THROWN, UNDECIDED, USED, Colour, Sheet, brightened, crop
-from vision.core.circle_fit import CircleFit
-from vision.core.image import Bgr, check_bgr, red_signal
-from vision.core.not_found import NotFound
-from vision.pads.find import NEEDLE_MARGIN_PX, Seen, TestPoint
-from vision.pads.rules import Decided
-from vision.tip.find import Tip
-from vision.tip.probe_model import needle_outline
+from vision.core import Bgr, CircleFit, NotFound, check_bgr, red_signal
+from vision.pads import NEEDLE_MARGIN_PX, Decided, Seen, TestPoint
+from vision.tip import Tip, needle_outline
 
 # Room round the window, and what is shown when there was nothing to look round.
 MARGIN_PX, UNSEARCHED_PX = 6, 119

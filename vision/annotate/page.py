@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from vision.annotate.sheet import FONT, INK, TEXT_SCALE, Colour, text_size, write
-from vision.core.image import Bgr
+from vision.core import Bgr
 
 # A panel is magnified as far as it stays about this high, or wide.
 PANEL_ROOM = 700

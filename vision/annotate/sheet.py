@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision.annotate.labels import Label, Spot, arrange
-from vision.core.image import Bgr, Gray, check_bgr
+from vision.core import Bgr, Gray, check_bgr
 
 Colour = tuple[int, int, int]
 USED: Colour = (80, 220, 80)

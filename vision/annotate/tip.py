@@ -6,10 +6,8 @@ import numpy as np
 
 from vision.annotate.page import PagePanel, fitting_zoom
 from vision.annotate.sheet import ANSWER, FRAME, INK, THROWN, USED, Sheet, brightened, crop
-from vision.core.image import Bgr, check_bgr
-from vision.core.not_found import NotFound
-from vision.tip.find import Tip
-from vision.tip.probe_model import ProbeModel, needle_outline
+from vision.core import Bgr, NotFound, check_bgr
+from vision.tip import ProbeModel, Tip, needle_outline
 
 # Marking, taper and end, with the end low on the right: the needle comes from the upper left.
 AREA_PX, TIP_AT_PX = (300, 350), (205, 275)

@@ -10,8 +10,7 @@ import numpy as np
 from vision.control_point.print import EXPECTED, Fitted, Flags, Point, PrintedLine, Sides, why_no_print
 from vision.control_point.proposals import ARM_ANGLE_DEG, Crossing
 from vision.control_point.strip import RoughArm, measure_strip, rough_arms
-from vision.core.caliper import Floats, robust_fit
-from vision.core.image import Plane
+from vision.core import Floats, Plane, robust_fit
 
 ROUNDS = 4
 # A shift this small leaves the stations where they are.

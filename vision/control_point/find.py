@@ -13,8 +13,7 @@ import numpy as np
 
 from vision.control_point.cross import FARTHEST, Cross, measure_crosses
 from vision.control_point.proposals import propose_crossings
-from vision.core.image import Gray, check_bgr, check_exposure, check_point, despike, gray
-from vision.core.not_found import NotFound, Reason
+from vision.core import Gray, NotFound, Reason, check_bgr, check_exposure, check_point, despike, gray
 
 # Two answers nearer than this are the same one, px.
 SAME_PX = 1.0

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from vision.control_point.proposals import LEAST_DEPTH
 from vision.control_point.strip import ArmStrip, axis_levels
-from vision.core.caliper import Fit, Floats, robust_fit, spread
-from vision.core.image import Plane
+from vision.core import Fit, Floats, Plane, robust_fit, spread
 
 Flags = NDArray[np.bool_]
 Sides = tuple[bool, bool]

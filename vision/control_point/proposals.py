@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.core.image import Gray, Plane
+from vision.core import Gray, Plane
 
 Floats = NDArray[np.float64]
 # Angle between two lines through the centre, degrees, as the oblique view shows it: 72..95 and its supplement.

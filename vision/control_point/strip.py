@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision.control_point.proposals import WIDEST_ARM_PX
-from vision.core.caliper import Floats, derivative, middle, refine_peaks, robust_fit, sample, spread
-from vision.core.image import Plane
+from vision.core import Floats, Plane, derivative, middle, refine_peaks, robust_fit, sample, spread
 
 Flags = NDArray[np.bool_]
 NARROWEST_ARM_PX = 1.5

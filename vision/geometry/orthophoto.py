@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vision.core.image import Bgr, check_bgr
+from vision.core import Bgr, check_bgr
 from vision.geometry.camera_model import Extrinsics, Intrinsics, check_points
 from vision.geometry.frames import Array
 

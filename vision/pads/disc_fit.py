@@ -12,10 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.core.caliper import Floats, middle, solve_normal, spread, tukey
-from vision.core.circle_fit import Contour
-from vision.core.image import Plane
-from vision.core.view import View
+from vision.core import Contour, Floats, Plane, View, middle, solve_normal, spread, tukey
 
 Flags = NDArray[np.bool_]
 # Pixels this near the rim tell of its place.

@@ -6,9 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vision.core.caliper import middle
-from vision.core.circle_fit import CircleFit, Contour
-from vision.core.edges import Edgels
+from vision.core import CircleFit, Contour, Edgels, middle
 from vision.pads.disc_fit import DiscFit, measure_disc
 from vision.pads.hole import DIP_RADIUS_PX, find_hole, is_ring
 from vision.pads.neck import neck_width

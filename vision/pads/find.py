@@ -11,11 +11,21 @@ from typing import Any, Literal
 
 import numpy as np
 
-from vision.core.circle_fit import CircleFit
-from vision.core.edges import LEAST_SLOPE, Edgels, find_edgels
-from vision.core.image import Gray, check_bgr, check_exposure, check_point, red_signal
-from vision.core.not_found import NotFound, Reason
-from vision.core.view import UNKNOWN_VIEW, View
+from vision.core import (
+    LEAST_SLOPE,
+    UNKNOWN_VIEW,
+    CircleFit,
+    Edgels,
+    Gray,
+    NotFound,
+    Reason,
+    View,
+    check_bgr,
+    check_exposure,
+    check_point,
+    find_edgels,
+    red_signal,
+)
 from vision.pads.occluding_needle import LEAST_SLOPE as NEEDLE_SLOPE
 from vision.pads.occluding_needle import find_needle
 from vision.pads.other_candidates import other_objects
@@ -41,8 +51,7 @@ from vision.pads.rules import (
     stroke_end,
 )
 from vision.pads.window import Window, hide, open_window
-from vision.tip.find import Tip
-from vision.tip.probe_model import needle_outline
+from vision.tip import Tip, needle_outline
 
 # Room beside the largest pad for its edge and surroundings.
 MARGIN_PX = 8

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vision.core.caliper import middle
-from vision.core.circle_fit import CircleFit, Contour, fit_circle
-from vision.core.edges import Edgels
-from vision.core.segment import components
+from vision.core import CircleFit, Contour, Edgels, components, fit_circle, middle
 from vision.pads.patch import Patch
 from vision.pads.window import Window
 

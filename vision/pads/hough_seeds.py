@@ -13,9 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.core.caliper import middle
-from vision.core.edges import Edgels
-from vision.core.view import View
+from vision.core import Edgels, View, middle
 
 # Share of a whole contour that must vote for a place before it is looked at, and that must then lie on one circle.
 LEAST_VOTE, LEAST_SHARE = 0.22, 0.38

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vision.core.circle_fit import CircleFit
+from vision.core import CircleFit
 from vision.pads.window import Flags, Window
 
 # Where is looked for what goes on beyond a circle: on these rings, in radii, along so many rays.

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.core.caliper import robust_fit
-from vision.core.edges import Edgels
+from vision.core import Edgels, robust_fit
 
 Floats = NDArray[np.float64]
 LEAST_POINTS = 16

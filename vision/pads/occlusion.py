@@ -8,8 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vision.tip.find import Tip
-from vision.tip.probe_model import needle_outline
+from vision.tip import Tip, needle_outline
 
 HIDDEN_SHARE = 0.2
 """A pad of which the needle covers this much need not be found."""

@@ -7,8 +7,7 @@ from collections.abc import Iterable
 import cv2
 import numpy as np
 
-from vision.core.caliper import middle
-from vision.core.segment import Component, components, multi_otsu
+from vision.core import Component, components, middle, multi_otsu
 from vision.pads.round_candidates import blackened
 from vision.pads.rules import SeenObject
 from vision.pads.window import Window

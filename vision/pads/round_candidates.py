@@ -9,9 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.core.circle_fit import CircleFit, Contour, fit_circle
-from vision.core.edges import Edgels
-from vision.core.view import View
+from vision.core import CircleFit, Contour, Edgels, View, fit_circle
 from vision.pads.features import describe_disc
 from vision.pads.hough_seeds import seeds
 from vision.pads.rules import (

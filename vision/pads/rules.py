@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 
-from vision.core.circle_fit import CircleFit
+from vision.core import CircleFit
 
 # Thesis 5.4.2 and 5.4.3, px. A measured radius may differ by the slack at either end.
 VIA_RADIUS_PX = (5.0, 8.0)

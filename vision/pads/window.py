@@ -8,9 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.core.caliper import middle
-from vision.core.image import Gray, Plane, despike, median
-from vision.core.view import View
+from vision.core import Gray, Plane, View, despike, median, middle
 
 Flags = NDArray[np.bool_]
 

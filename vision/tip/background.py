@@ -14,8 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.core.caliper import Floats
-from vision.core.image import Plane
+from vision.core import Floats, Plane
 from vision.tip.edges import EdgePoints
 from vision.tip.silhouette import Silhouette
 from vision.tip.strip import ProbeStrip, middle

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.core.caliper import Floats
-from vision.core.not_found import NotFound, Reason
+from vision.core import Floats, NotFound, Reason
 from vision.tip.edges import EdgePoints
 from vision.tip.measure import MeasuredTip
 from vision.tip.probe_model import ProbeModel

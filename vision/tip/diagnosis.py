@@ -8,9 +8,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from vision.core.caliper import Floats, derivative
-from vision.core.image import SATURATED_LEVEL, Gray, Plane
-from vision.core.not_found import NotFound, Reason
+from vision.core import SATURATED_LEVEL, Floats, Gray, NotFound, Plane, Reason, derivative
 from vision.tip.checks import TURN_LIMIT_DEG
 from vision.tip.measure import TipSighting, sight
 from vision.tip.outline import EdgePairs

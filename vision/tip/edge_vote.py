@@ -9,8 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vision.core.caliper import Floats
-from vision.core.image import Plane
+from vision.core import Floats, Plane
 from vision.tip.silhouette import Silhouette
 from vision.tip.strip import ProbeStrip, edge_maps, middle
 

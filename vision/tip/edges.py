@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.core.caliper import Floats, refine_peaks, spread, tukey
-from vision.core.image import Plane
+from vision.core import Floats, Plane, refine_peaks, spread, tukey
 from vision.tip.silhouette import Silhouette
 from vision.tip.strip import ProbeStrip
 

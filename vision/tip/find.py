@@ -13,9 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from vision.core.caliper import Line
-from vision.core.image import Bgr, Gray, check_bgr, check_exposure, despike, gray
-from vision.core.not_found import NotFound, Reason
+from vision.core import Bgr, Gray, Line, NotFound, Reason, check_bgr, check_exposure, despike, gray
 from vision.tip.checks import check_direction, first_problem
 from vision.tip.diagnosis import name_it
 from vision.tip.glint import without_glint

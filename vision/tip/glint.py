@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.core.caliper import Floats
+from vision.core import Floats
 from vision.tip.marking_rim import join_rim, rim_places
 from vision.tip.measure import RIM1_REACH_PX, MeasuredTip
 from vision.tip.probe_model import ProbeModel

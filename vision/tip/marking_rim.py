@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.core.caliper import Floats, derivative, refine_peaks, spread, tukey
+from vision.core import Floats, derivative, refine_peaks, spread, tukey
 from vision.tip.strip import ProbeStrip, middle, middle_profile
 
 RIM_SIGMA_PX = 1.5

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from vision.core.caliper import derivative
-from vision.core.image import Plane
+from vision.core import Plane, derivative
 from vision.tip.background import corrected, without_blind
 from vision.tip.edge_vote import Vote, vote
 from vision.tip.edges import EdgePoints, ProbeAxis, edge_points, fit_axis

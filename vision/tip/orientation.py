@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from vision.core.image import Plane
+from vision.core import Plane
 from vision.tip.edges import ProbeAxis
 from vision.tip.silhouette import Silhouette
 from vision.tip.strip import ProbeStrip

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.core.caliper import Floats, derivative
-from vision.core.image import Plane
+from vision.core import Floats, Plane, derivative
 from vision.tip.silhouette import Silhouette, caliper_rows
 from vision.tip.strip import ProbeStrip, across_slope, edge_maps, middle_profile
 

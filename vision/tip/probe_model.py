@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.core.image import check_bgr, check_point, despike, gray, median
+from vision.core import check_bgr, check_point, despike, gray, median
 from vision.tip.silhouette import Silhouette
 from vision.tip.strip import NeedleShape
 from vision.tip.teach import AXIS_HINT_RAD, measure

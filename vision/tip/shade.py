@@ -9,7 +9,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from vision.core.caliper import Floats
+from vision.core import Floats
 from vision.tip.silhouette import Silhouette
 from vision.tip.strip import CALIPER_STEP_PX, ProbeStrip, across_slope
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vision.core.not_found import NotFound
+from vision.core import NotFound
 from vision.tip.edges import fit_axis
 from vision.tip.measure import MeasuredTip
 from vision.tip.probe_model import ProbeModel

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.core.caliper import Floats
+from vision.core import Floats
 from vision.tip.strip import (
     CALIPER_STEP_PX,
     CYLINDER_LENGTH_PX,

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from vision.core.caliper import Floats, derivative
-from vision.core.image import Plane
+from vision.core import Floats, Plane, derivative
 
 # Rows between two calipers; the strip is averaged over as many rows plus one, so that neighbours hardly share noise.
 CALIPER_STEP_PX = 4

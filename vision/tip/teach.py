@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.core.caliper import Floats, robust_fit
-from vision.core.image import Gray, Plane
+from vision.core import Floats, Gray, Plane, robust_fit
 from vision.tip.edges import EdgePoints, edge_points
 from vision.tip.marking_rim import join_rim, marking_levels, rim_columns, rim_places
 from vision.tip.outline import RoughOutline, rough_needle

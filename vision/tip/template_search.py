@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.core.image import Gray, Plane
+from vision.core import Gray, Plane
 from vision.tip.probe_model import SEARCH_REACH_PX, TEMPLATE_HEIGHT_PX, TEMPLATE_WIDTH_PX, ProbeModel
 
 # The search runs on a quarter of the size: the edges find the needle to a hundredth of a pixel afterwards.

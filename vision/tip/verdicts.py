@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from vision.core.not_found import NotFound, Reason
+from vision.core import NotFound, Reason
 
 BLURRED_ADVICE = "clean the lens, check its focus, or wait longer for the head to settle"
 OTHER_ADVICE = "is another needle mounted, or is the background too busy here? Look from another place, or teach again"
