@@ -202,7 +202,14 @@ def _targets(files: BoardFiles, side: str, records: tuple[Record, ...], mask: tu
         probeable = record is not None and kind != "fiducial" and _accessible(record, side)
         net = record.net if record is not None else ""
         found[place] = Target(
-            name, kind, round(pad.x_mm, 6), round(pad.y_mm, 6), round(bare_mm, 6), hole_mm, net, probeable
+            name=name,
+            kind=kind,
+            x_mm=round(pad.x_mm, 6),
+            y_mm=round(pad.y_mm, 6),
+            pad_diameter_mm=round(bare_mm, 6),
+            hole_diameter_mm=hole_mm,
+            net=net,
+            probeable=probeable,
         )
     return _uniquely_named(found.values())
 

@@ -49,7 +49,16 @@ def _via(
     opening_mm: float | None = None,
     open_below: bool = False,
 ) -> RoundPad:
-    return RoundPad(name, (x, y), VIA_PAD_MM, VIA_HOLE_MM, net, capped, opening_mm, open_below)
+    return RoundPad(
+        name=name,
+        centre_mm=(x, y),
+        pad_mm=VIA_PAD_MM,
+        hole_mm=VIA_HOLE_MM,
+        net=net,
+        capped=capped,
+        opening_mm=opening_mm,
+        open_below=open_below,
+    )
 
 
 def _site(name: str, x: float, y: float, net: str, *, hole: bool) -> RoundPad:

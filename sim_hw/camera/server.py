@@ -243,7 +243,14 @@ class CameraServer:
             return self._frozen
         if self._drawn is None or self._drawn[0] is not frame:
             taken = frame.taken
-            shot = Shot(frame.sequence, taken.exposure_s, frame.states, taken.gain, taken.balance, taken.focus_px)
+            shot = Shot(
+                sequence=frame.sequence,
+                exposure_s=taken.exposure_s,
+                states=frame.states,
+                gain=taken.gain,
+                balance=taken.balance,
+                focus_px=taken.focus_px,
+            )
             self._drawn = (frame, self.scene.render(shot))
         if self._faults.on("frozen"):
             self._frozen = self._drawn[1]

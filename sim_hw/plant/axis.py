@@ -39,10 +39,50 @@ INCREMENTS_PER_REV = 50 * 65536
 _ABOVE, _BELOW = True, False
 
 SPECS: tuple[AxisSpec, ...] = (
-    AxisSpec("x", 1, INCREMENTS_PER_REV / 5000.0, -3000.0, 203_000.0, 0.0, _BELOW, -5000.0, 205_000.0),
-    AxisSpec("y", 2, INCREMENTS_PER_REV / 5000.0, -3000.0, 153_000.0, 0.0, _BELOW, -5000.0, 155_000.0),
-    AxisSpec("z", 3, INCREMENTS_PER_REV / 2000.0, -500.0, 32_000.0, 30_000.0, _ABOVE, -1000.0, 33_000.0),
-    AxisSpec("theta", 4, INCREMENTS_PER_REV / 360.0, -221.0, 101.0, 0.0, _ABOVE, -222.5, 102.5),
+    AxisSpec(
+        name="x",
+        address=1,
+        increments_per_unit=INCREMENTS_PER_REV / 5000.0,
+        negative_limit=-3000.0,
+        positive_limit=203_000.0,
+        home_edge=0.0,
+        home_above=_BELOW,
+        hard_min=-5000.0,
+        hard_max=205_000.0,
+    ),
+    AxisSpec(
+        name="y",
+        address=2,
+        increments_per_unit=INCREMENTS_PER_REV / 5000.0,
+        negative_limit=-3000.0,
+        positive_limit=153_000.0,
+        home_edge=0.0,
+        home_above=_BELOW,
+        hard_min=-5000.0,
+        hard_max=155_000.0,
+    ),
+    AxisSpec(
+        name="z",
+        address=3,
+        increments_per_unit=INCREMENTS_PER_REV / 2000.0,
+        negative_limit=-500.0,
+        positive_limit=32_000.0,
+        home_edge=30_000.0,
+        home_above=_ABOVE,
+        hard_min=-1000.0,
+        hard_max=33_000.0,
+    ),
+    AxisSpec(
+        name="theta",
+        address=4,
+        increments_per_unit=INCREMENTS_PER_REV / 360.0,
+        negative_limit=-221.0,
+        positive_limit=101.0,
+        home_edge=0.0,
+        home_above=_ABOVE,
+        hard_min=-222.5,
+        hard_max=102.5,
+    ),
 )
 
 

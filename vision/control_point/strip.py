@@ -152,7 +152,16 @@ def measure_strip(raw: Plane, at: tuple[float, float], angle: float, width_px: f
     good &= np.abs(widths - typical) < min(slack, 1.5)
     if np.count_nonzero(good) < LEAST_STATIONS:
         return None
-    return ArmStrip(along, (left + right) / 2.0 - reach, widths, axis, paper, good, typical, step)
+    return ArmStrip(
+        along=along,
+        middle=(left + right) / 2.0 - reach,
+        width=widths,
+        axis=axis,
+        paper=paper,
+        good=good,
+        width_px=typical,
+        step=step,
+    )
 
 
 def _edge(rows: Plane, about: float) -> tuple[Floats, Floats]:

@@ -229,10 +229,10 @@ def fit_straight_edge(
         return None
     offset, slant = (float(number) for number in fit.parameters)
     return Line(
-        start_px[0] + middle * along_x - offset * along_y,
-        start_px[1] + middle * along_y + offset * along_x,
-        float(np.arctan2(along_y, along_x) + np.arctan(slant)),
-        float(np.sqrt(fit.covariance[0, 0])),
-        used,
-        calipers,
+        x_px=start_px[0] + middle * along_x - offset * along_y,
+        y_px=start_px[1] + middle * along_y + offset * along_x,
+        angle_rad=float(np.arctan2(along_y, along_x) + np.arctan(slant)),
+        sigma_px=float(np.sqrt(fit.covariance[0, 0])),
+        used=used,
+        offered=calipers,
     )

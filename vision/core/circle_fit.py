@@ -191,18 +191,18 @@ def _judge(
         return None
     semi_major, ratio, minor = contour.ellipse(view)
     return CircleFit(
-        contour.x_px,
-        contour.y_px,
-        semi_major,
-        ratio,
-        minor,
-        float(np.hypot(sigma, 0.03)),
-        visible / sectors,
-        coverage,
-        _squareness(ring, contour) if coverage >= LEAST_FOR_SHAPE else 0.0,
-        0.0,
-        shown,
-        contour,
+        x_px=contour.x_px,
+        y_px=contour.y_px,
+        radius_px=semi_major,
+        ratio=ratio,
+        minor_rad=minor,
+        sigma_px=float(np.hypot(sigma, 0.03)),
+        visible=visible / sectors,
+        coverage=coverage,
+        squareness=_squareness(ring, contour) if coverage >= LEAST_FOR_SHAPE else 0.0,
+        noise=0.0,
+        sectors=shown,
+        contour=contour,
     )
 
 

@@ -105,13 +105,13 @@ def align(
     centre = board.mean(axis=0)
     scatter = math.sqrt(float((residuals**2).sum()) / (2 * len(board) - 4))
     return Alignment(
-        pose,
-        tuple(names),
-        residuals,
-        pose.rms,
-        max(scatter, least_scatter_um),
-        (float(centre[0]), float(centre[1])),
-        float(np.linalg.norm(board - centre)),
+        pose=pose,
+        names=tuple(names),
+        residuals_um=residuals,
+        rms_um=pose.rms,
+        scatter_um=max(scatter, least_scatter_um),
+        centre_um=(float(centre[0]), float(centre[1])),
+        spread_um=float(np.linalg.norm(board - centre)),
     )
 
 

@@ -186,7 +186,14 @@ class Extrinsics:
         rest[:2] = rotation(z_deg).T @ r[:2]
         y_deg = math.degrees(math.atan2(-rest[2, 0], rest[0, 0]))
         x_deg = math.degrees(math.atan2(-rest[1, 2], rest[1, 1]))
-        return cls(x_deg, y_deg, z_deg, float(t[0]), float(t[1]), float(t[2]))
+        return cls(
+            theta_x_deg=x_deg,
+            theta_y_deg=y_deg,
+            theta_z_deg=z_deg,
+            tx_um=float(t[0]),
+            ty_um=float(t[1]),
+            tz_um=float(t[2]),
+        )
 
     def to_camera_um(self, points_um: ArrayLike) -> Array:
         """Return world points, (3,) or (N, 3), in the camera's frame, um; the last column is the depth (eq. 3.8)."""

@@ -129,12 +129,12 @@ def fit_extrinsics(
         jacobian, condition = _check_condition(task, best)
     variance = best.cost / dof if sigma_px is None else sigma_px**2
     return ExtrinsicsFit(
-        Extrinsics.from_matrix(best.r, best.c * size - best.r @ mean),
-        _covariance(jacobian, variance, best.r @ mean, size),
-        math.sqrt(best.cost / len(pixels)),
-        math.sqrt(variance),
-        condition,
-        best.iterations,
+        extrinsics=Extrinsics.from_matrix(best.r, best.c * size - best.r @ mean),
+        turn_covariance=_covariance(jacobian, variance, best.r @ mean, size),
+        rms_px=math.sqrt(best.cost / len(pixels)),
+        sigma_px=math.sqrt(variance),
+        condition=condition,
+        iterations=best.iterations,
     )
 
 

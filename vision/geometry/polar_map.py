@@ -172,9 +172,17 @@ def fit_polar_map(
     scatter_um = math.sqrt(squares / max(freedom, 1.0))
     tables = np.array([_row(angle, columns, scatter_um) for _, angle in rows])
     return PolarMap(
-        np.array([theta for theta, _ in rows]), tables[:, 0], tables[:, 1], tables[:, 2], below_tip_px, below_sigma_px,
-        hover_um, reach_um, math.sqrt(squares / count), work_z_um,
-    )  # fmt: skip
+        thetas_deg=np.array([theta for theta, _ in rows]),
+        um_per_px=tables[:, 0],
+        gamma_deg=tables[:, 1],
+        spread=tables[:, 2],
+        below_tip_px=below_tip_px,
+        below_sigma_px=below_sigma_px,
+        hover_um=hover_um,
+        radius_um=reach_um,
+        residual_um=math.sqrt(squares / count),
+        work_z_um=work_z_um,
+    )
 
 
 def _believable(px: Array, place_um: Array, theta_deg: float) -> NDArray[np.bool_]:
@@ -213,7 +221,15 @@ def _polar(away_px: Array, place_um: Array, theta_deg: float) -> _Angle:
     ratio = np.linalg.norm(way_um, axis=1) / d_px
     landing_sigma = float(np.linalg.norm(pull[0])) / float(np.sqrt((d_px**2).mean()))
     width_deg = max(KERNEL_SHARE * 360.0 / len(d_px), float(gaps.max()) / 4)
-    return _Angle(omega_deg, ratio, _wrap(gamma_deg - hand * omega_deg), hand, d_px, width_deg, landing_sigma)
+    return _Angle(
+        omega_deg=omega_deg,
+        ratio=ratio,
+        turn_deg=_wrap(gamma_deg - hand * omega_deg),
+        hand=hand,
+        d_px=d_px,
+        width_deg=width_deg,
+        landing_sigma=landing_sigma,
+    )
 
 
 def _left(angle: _Angle) -> tuple[float, float]:

@@ -210,7 +210,14 @@ def fit_pose_map(
     below_um = apply_homography(fit.homography, np.add(tip_px, below_tip_px)[None, :])
     reach_um = float(np.linalg.norm(apply_homography(fit.homography, px) - below_um, axis=1).max())
     return PoseMap(
-        fit.homography, fit.covariance, below_tip_px, below_sigma_px, hover_um, reach_um, fit.rms_um, work_z_um
+        homography=fit.homography,
+        covariance=fit.covariance,
+        below_tip_px=below_tip_px,
+        below_sigma_px=below_sigma_px,
+        hover_um=hover_um,
+        radius_um=reach_um,
+        residual_um=fit.rms_um,
+        work_z_um=work_z_um,
     )
 
 

@@ -104,7 +104,16 @@ class Surface:
             residuals, covariance = (np.array(raw[name], dtype=float) for name in ("residuals_um", "covariance"))
             used = np.array(raw["used"], dtype=bool)
             x_um, y_um, reference_um, tilt_x, tilt_y = (float(raw[name]) for name in NUMBERS)
-            return cls(x_um, y_um, reference_um, tilt_x, tilt_y, residuals, used, covariance)
+            return cls(
+                x_um=x_um,
+                y_um=y_um,
+                reference_um=reference_um,
+                tilt_x_um_per_mm=tilt_x,
+                tilt_y_um_per_mm=tilt_y,
+                residuals_um=residuals,
+                used=used,
+                covariance=covariance,
+            )
         except (KeyError, TypeError, ValueError, IndexError, OverflowError) as exc:
             raise ValueError(f"not a surface: {exc}; measure the planarity again") from exc
 
@@ -131,7 +140,16 @@ def fit_plane(places_um: ArrayLike, heights_um: ArrayLike, sigma_um: float | Non
     covariance = np.linalg.inv(design[used].T @ design[used]) * max(scatter, sigma_um or 0.0) ** 2
     height, tilt_x, tilt_y = (float(v) for v in plane)
     covariance = (covariance + covariance.T) / 2
-    return Surface(float(centre[0]), float(centre[1]), height, tilt_x, tilt_y, residuals, used, covariance)
+    return Surface(
+        x_um=float(centre[0]),
+        y_um=float(centre[1]),
+        reference_um=height,
+        tilt_x_um_per_mm=tilt_x,
+        tilt_y_um_per_mm=tilt_y,
+        residuals_um=residuals,
+        used=used,
+        covariance=covariance,
+    )
 
 
 def _check(places_um: ArrayLike, heights_um: ArrayLike, sigma_um: float | None) -> tuple[Array, Array]:

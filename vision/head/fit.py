@@ -149,17 +149,17 @@ def _judged(best: _Candidate, theta: Array, points: Array, used: Flags) -> HeadF
     control = (float(best.control.real), float(best.control.imag))
     residuals = head_positions_um(best.head, control, theta) - points
     return HeadFit(
-        best.head,
-        best.kind,
-        best.order,
-        control,
-        circle,
-        residuals,
-        used,
-        rms(np.hypot(*residuals[used].T)),
-        rms(best.holdout_um),
-        float(best.holdout_um.max()),
-        largest_gap_deg(theta[used]),
+        head=best.head,
+        kind=best.kind,
+        order=best.order,
+        control_um=control,
+        circle=circle,
+        residuals_um=residuals,
+        used=used,
+        rms_um=rms(np.hypot(*residuals[used].T)),
+        holdout_rms_um=rms(best.holdout_um),
+        holdout_max_um=float(best.holdout_um.max()),
+        largest_gap_deg=largest_gap_deg(theta[used]),
     )
 
 

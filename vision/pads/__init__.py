@@ -2,6 +2,7 @@
 
 from vision.pads.find import NEEDLE_MARGIN_PX, Seen, TestPoint, find_test_points
 from vision.pads.occlusion import needle_hides
+from vision.pads.rule_name import RuleName
 from vision.pads.rules import RULES, Decided, Hole, SeenObject, Verdict
 
 __all__ = [
@@ -9,6 +10,7 @@ __all__ = [
     "RULES",
     "Decided",
     "Hole",
+    "RuleName",
     "Seen",
     "SeenObject",
     "TestPoint",

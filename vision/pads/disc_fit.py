@@ -98,16 +98,16 @@ def measure_disc(
     residual = pixels.level - _linearise(pixels, state)[1]
     contour, bore = _contours(state)
     return DiscFit(
-        _in_picture(contour, disc, view),
-        None if bore is None else _in_picture(bore, disc, view),
-        _sigma(covariance[RADIUS + 1 : RADIUS + 3, RADIUS + 1 : RADIUS + 3], view),
-        0.0 if bore is None else _sigma(covariance[SIZE + 2 :, SIZE + 2 :], view),
-        float(state[STEP]),
-        0.0 if bore is None else float(state[SIZE]),
-        float(state[BLUR]),
-        noise,
-        agree,
-        float(np.sum(np.minimum(np.square(residual), MOST_MISFIT**2))),
+        contour=_in_picture(contour, disc, view),
+        hole=None if bore is None else _in_picture(bore, disc, view),
+        sigma_px=_sigma(covariance[RADIUS + 1 : RADIUS + 3, RADIUS + 1 : RADIUS + 3], view),
+        hole_sigma_px=0.0 if bore is None else _sigma(covariance[SIZE + 2 :, SIZE + 2 :], view),
+        step=float(state[STEP]),
+        hole_step=0.0 if bore is None else float(state[SIZE]),
+        blur_px=float(state[BLUR]),
+        noise=noise,
+        agree=agree,
+        misfit=float(np.sum(np.minimum(np.square(residual), MOST_MISFIT**2))),
     )
 
 

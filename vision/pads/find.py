@@ -30,6 +30,7 @@ from vision.pads.occluding_needle import LEAST_SLOPE as NEEDLE_SLOPE
 from vision.pads.occluding_needle import find_needle
 from vision.pads.other_candidates import other_objects
 from vision.pads.round_candidates import round_objects
+from vision.pads.rule_name import RuleName
 from vision.pads.rules import (
     DOUBTFUL_RATIO,
     LEAST_VISIBLE,
@@ -43,12 +44,10 @@ from vision.pads.rules import (
     SeenObject,
     Verdict,
     Wanted,
-    angular,
     decide,
     is_clear,
     is_round,
     is_via,
-    stroke_end,
 )
 from vision.pads.window import Window, hide, open_window
 from vision.tip import Tip, needle_outline
@@ -67,7 +66,8 @@ SEEN_NEEDLE_MARGIN_PX = 1.3
 DARK_LEVEL = 12.0
 LARGEST_RADIUS_PX = 200.0
 # What these rules throw may be ink, and ink of one print is equally bright to this share of its contrast.
-INK_RULES, INK_LIKENESS = frozenset({"thin", "elongated", "ragged", "stroke_end", "oval"}), 0.2
+INK_RULES = frozenset({RuleName.THIN, RuleName.ELONGATED, RuleName.RAGGED, RuleName.STROKE_END, RuleName.OVAL})
+INK_LIKENESS = 0.2
 # Two pads whose centres are nearer than this share of the sum of their radii would lie on each other. A doubtful one is
 # explained by a pad only if it lies within it.
 OVERLAP_SHARE, EXPLAINED_SHARE = 0.8, 0.55
@@ -127,9 +127,9 @@ class Seen:
         pad lies just there may still take it (`constellation.match_near`).
         """
         corner = self.window_px[0], self.window_px[1]
-        strokes = [item for item in self.thrown if followed and item.rule == stroke_end.__name__]
+        strokes = [item for item in self.thrown if followed and item.rule == RuleName.STROKE_END]
         return tuple(
-            replace(_point(item, corner), rule="at_known_place")
+            replace(_point(item, corner), rule=RuleName.AT_KNOWN_PLACE)
             for item in (*self.undecided, *strokes)
             if (circle := item.object.circle) is not None
             and circle.visible >= NEARLY_WHOLE
@@ -225,7 +225,7 @@ def _apart(decided: list[Decided]) -> list[Decided]:
     for item in sorted(decided, key=lambda item: (item.verdict is not Verdict.TAKE, -_trust(item))):
         taken = [other for other in kept if other.verdict is Verdict.TAKE]
         if item.verdict is not Verdict.THROW and any(_overlap(item, other, EXPLAINED_SHARE) for other in taken):
-            kept.append(replace(item, verdict=Verdict.THROW, rule="overlapped"))
+            kept.append(replace(item, verdict=Verdict.THROW, rule=RuleName.OVERLAPPED))
         else:
             kept.append(item)
     standing = [item for item in kept if item.verdict is not Verdict.THROW and item.object.circle is not None]
@@ -235,7 +235,7 @@ def _apart(decided: list[Decided]) -> list[Decided]:
         return (
             item
             if item.verdict is not Verdict.TAKE or alone
-            else replace(item, verdict=Verdict.PASS, rule="overlapping")
+            else replace(item, verdict=Verdict.PASS, rule=RuleName.OVERLAPPING)
         )
 
     return [judged(item) for item in kept]
@@ -250,7 +250,7 @@ def _traces_thrown(decided: list[Decided]) -> list[Decided]:
         if item.verdict is Verdict.THROW or circle is None or seen.dark_middle or circle.visible < LEAST_VISIBLE:
             return item
         on_pad = any(_overlap(item, pad, OVERLAP_SHARE) for pad in drilled)
-        return replace(item, verdict=Verdict.THROW, rule="trace_of_pad") if on_pad else item
+        return replace(item, verdict=Verdict.THROW, rule=RuleName.TRACE_OF_PAD) if on_pad else item
 
     return [judged(item) for item in decided]
 
@@ -262,7 +262,7 @@ def _is_drilled(seen: SeenObject) -> bool:
 
 def _angular_after_all(decided: list[Decided], regions: list[Decided]) -> list[Decided]:
     """Throw a doubtful circle that is only what fits into a rectangle: the region it lies in was thrown as one."""
-    rectangles = [item for item in regions if item.rule == angular.__name__]
+    rectangles = [item for item in regions if item.rule == RuleName.ANGULAR]
 
     def judged(item: Decided) -> Decided:
         circle = item.object.circle
@@ -273,7 +273,7 @@ def _angular_after_all(decided: list[Decided], regions: list[Decided]) -> list[D
             and box.object.thickness_px > 1.2 * circle.radius_px
             for box in rectangles
         )
-        return replace(item, verdict=Verdict.THROW, rule=angular.__name__) if lies_in else item
+        return replace(item, verdict=Verdict.THROW, rule=RuleName.ANGULAR) if lies_in else item
 
     return [judged(item) for item in decided]
 
@@ -288,7 +288,7 @@ def _drawn_after_all(decided: list[Decided], regions: list[Decided]) -> list[Dec
         if item.verdict is not Verdict.TAKE or circle is None or not seen.ring:
             return item
         doubtful = circle.visible < WHOLE_VISIBLE or abs(usual - seen.level) < INK_LIKENESS * seen.contrast
-        return replace(item, verdict=Verdict.PASS, rule="drawn_ring") if doubtful else item
+        return replace(item, verdict=Verdict.PASS, rule=RuleName.DRAWN_RING) if doubtful else item
 
     return [judged(item) for item in decided]
 
@@ -353,16 +353,17 @@ def _point(item: Decided, corner: tuple[int, int]) -> TestPoint:
     kind: Literal["via", "site"] = "via" if is_via(item.object) else "site"
     at = pad if hole is None else (hole.x_px + corner[0], hole.y_px + corner[1])
     return TestPoint(
-        *at,
-        circle.radius_px,
-        kind,
-        pad,
-        None if hole is None else (*at, hole.radius_px),
-        circle.sigma_px if hole is None else hole.sigma_px,
-        circle.visible,
-        item.rule,
-        circle.ratio,
-        circle.minor_rad,
+        x_px=at[0],
+        y_px=at[1],
+        radius_px=circle.radius_px,
+        kind=kind,
+        pad_px=pad,
+        hole_px=None if hole is None else (*at, hole.radius_px),
+        sigma_px=circle.sigma_px if hole is None else hole.sigma_px,
+        visible=circle.visible,
+        rule=item.rule,
+        ratio=circle.ratio,
+        minor_rad=circle.minor_rad,
     )
 
 

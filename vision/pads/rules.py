@@ -1,8 +1,11 @@
-"""Take and throw: the ordered rules that say which objects are test points (thesis 5.4).
+"""Ordered rules that take, throw or pass an object: which bright things are test points (thesis 5.4).
 
-A rule is a small function from an object and what is wanted to TAKE, THROW or PASS. The first that does not pass
-decides and its name stays with the object. An object that every rule passes is undecided. There are no scores. To
-teach the station a new kind, add a function and its line in RULES; no other rule is touched.
+A rule is a small function from an object and what is wanted to TAKE, THROW or PASS. `decide` asks the rules in order
+and ends with the first TAKE or THROW; that verdict and the rule's name stay with the object. An object that every rule
+passes is undecided. There are no scores. This is the verdict on one object alone: `find_test_points` then compares the
+objects, and may leave undecided or throw what a rule took, and throw what was undecided. It never takes.
+To teach the station a new kind of pad, add a function, its name in `RuleName` and its line in `NAMES`; no other rule is
+touched.
 """
 
 from __future__ import annotations
@@ -12,6 +15,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from vision.core import CircleFit
+from vision.pads.rule_name import RuleName
 
 # Thesis 5.4.2 and 5.4.3, px. A measured radius may differ by the slack at either end.
 VIA_RADIUS_PX = (5.0, 8.0)
@@ -131,7 +135,7 @@ class Wanted:
 
 @dataclass(frozen=True, slots=True)
 class Decided:
-    """Hold an object, the verdict, and the name of the rule that gave it ("no_rule" if none did)."""
+    """Hold an object, the verdict, and what gave it: a `RuleName`, or the function name of a rule from outside."""
 
     object: SeenObject
     verdict: Verdict
@@ -254,34 +258,43 @@ def ragged(seen: SeenObject, _wanted: Wanted) -> Verdict:
     return Verdict.THROW if seen.circle is None and seen.circularity > 1.6 else Verdict.PASS
 
 
-RULES: tuple[Rule, ...] = (
-    small,
-    faint,
-    thin,
-    border,
-    needle,
-    wrong_size,
-    stroke_end,
-    oval,
-    cornered,
-    via_with_hole,
-    via_filled,
-    site_with_hole,
-    site_filled,
-    elongated,
-    angular,
-    other_size,
-    ragged,
-)
+NAMES: dict[Rule, RuleName] = {
+    small: RuleName.SMALL,
+    faint: RuleName.FAINT,
+    thin: RuleName.THIN,
+    border: RuleName.BORDER,
+    needle: RuleName.NEEDLE,
+    wrong_size: RuleName.WRONG_SIZE,
+    stroke_end: RuleName.STROKE_END,
+    oval: RuleName.OVAL,
+    cornered: RuleName.CORNERED,
+    via_with_hole: RuleName.VIA_WITH_HOLE,
+    via_filled: RuleName.VIA_FILLED,
+    site_with_hole: RuleName.SITE_WITH_HOLE,
+    site_filled: RuleName.SITE_FILLED,
+    elongated: RuleName.ELONGATED,
+    angular: RuleName.ANGULAR,
+    other_size: RuleName.OTHER_SIZE,
+    ragged: RuleName.RAGGED,
+}
+"""The rules in the order in which they are asked, each with its name."""
+
+RULES: tuple[Rule, ...] = tuple(NAMES)
+"""The rules as `find_test_points` asks them; a caller may put others before or between them."""
 
 
 def decide(seen: SeenObject, wanted: Wanted, rules: tuple[Rule, ...] = RULES) -> Decided:
-    """Run an object through the rules; the first verdict other than PASS stands."""
+    """Ask the rules in order about an object; the first TAKE or THROW stands, else it is undecided (PASS)."""
     for rule in rules:
         verdict = rule(seen, wanted)
         if verdict is not Verdict.PASS:
-            return Decided(seen, verdict, rule.__name__)
-    return Decided(seen, Verdict.PASS, "no_rule")
+            return Decided(seen, verdict, name_of(rule))
+    return Decided(seen, Verdict.PASS, RuleName.NO_RULE)
+
+
+def name_of(rule: Rule) -> str:
+    """Return the name of a rule; of one that is not among `RULES`, its function's."""
+    return NAMES.get(rule) or rule.__name__
 
 
 def is_round(seen: SeenObject) -> bool:

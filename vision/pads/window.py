@@ -51,7 +51,18 @@ def open_window(plane: Gray, corner: tuple[int, int], around_px: tuple[float, fl
     around = around_px[0] - corner[0], around_px[1] - corner[1]
     nothing = np.zeros(clean.shape, dtype=np.bool_)
     board = middle(smooth, 0.25)
-    return Window(clean, clean.astype(np.float32), smooth, nothing, nothing, corner[0], corner[1], board, around, view)
+    return Window(
+        clean=clean,
+        raw=clean.astype(np.float32),
+        smooth=smooth,
+        hidden=nothing,
+        maybe_hidden=nothing,
+        x_px=corner[0],
+        y_px=corner[1],
+        board_level=board,
+        around_px=around,
+        view=view,
+    )
 
 
 def hide(window: Window, outline: NDArray[np.float64], *, certain: bool) -> Window:

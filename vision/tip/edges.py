@@ -46,7 +46,17 @@ class EdgePoints:
         """Return the points `keep` (N,) says, found by so many calipers."""
         u, v, side, taught = self.u_px[keep], self.v_px[keep], self.side[keep], self.taught_px[keep]
         on_taper, brightens, strength = self.on_taper[keep], self.brightens[keep], self.strength[keep]
-        return EdgePoints(u, v, side, taught, on_taper, brightens, strength, offered, offered_on_taper)
+        return EdgePoints(
+            u_px=u,
+            v_px=v,
+            side=side,
+            taught_px=taught,
+            on_taper=on_taper,
+            brightens=brightens,
+            strength=strength,
+            offered=offered,
+            offered_on_taper=offered_on_taper,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,15 +205,15 @@ def _axis_of(fit: _Fit, points: EdgePoints) -> ProbeAxis:
     scaling = np.diag([1.0, 0.01])
     a, b, wider, taper, bend = (float(number) for number in fit.parameters)
     return ProbeAxis(
-        a,
-        b / 100.0,
-        np.asarray(scaling @ fit.covariance[:2, :2] @ scaling),
-        wider + taper,
-        wider,
-        bend,
-        float(np.sqrt(fit.covariance[4, 4])),
-        float(np.sqrt(fit.covariance[3, 3])),
-        float(np.count_nonzero(fit.weights > 0.3)) / max(points.offered, 1),
-        fit.scale,
-        fit.weights,
+        a_px=a,
+        b=b / 100.0,
+        covariance=np.asarray(scaling @ fit.covariance[:2, :2] @ scaling),
+        taper_wider_px=wider + taper,
+        cylinder_wider_px=wider,
+        bend_px=bend,
+        bend_sigma_px=float(np.sqrt(fit.covariance[4, 4])),
+        taper_sigma_px=float(np.sqrt(fit.covariance[3, 3])),
+        support=float(np.count_nonzero(fit.weights > 0.3)) / max(points.offered, 1),
+        scale_px=fit.scale,
+        weights=fit.weights,
     )

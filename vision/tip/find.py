@@ -150,7 +150,14 @@ def _edge_line(needle: MeasuredTip, shape: NeedleShape, side: float) -> Line:
     strip, axis = needle.strip, needle.axis
     x, y = strip.to_image(0.0, axis.a_px + side * shape.end_half_px)
     angle = strip.angle_rad + float(np.arctan(axis.b - side * shape.taper_slope))
-    return Line(x, y, angle, float(np.sqrt(axis.covariance[0, 0])), round(100 * axis.support), 100)
+    return Line(
+        x_px=x,
+        y_px=y,
+        angle_rad=angle,
+        sigma_px=float(np.sqrt(axis.covariance[0, 0])),
+        used=round(100 * axis.support),
+        offered=100,
+    )
 
 
 def _shifted(tip: Tip, x: int, y: int) -> Tip:

@@ -157,4 +157,16 @@ def _with_rims(
     rim1_u = middle(u1)
     metal, dark = marking_levels(strip, line, rim1_u, rim2.u_px)
     turn = taper_turn(strip, slope, model.outline, axis, -model.h_px)
-    return MeasuredTip(strip, slope, points, axis, free, turn, rim1_u, middle(strength1), rim2, metal, dark)
+    return MeasuredTip(
+        strip=strip,
+        slope=slope,
+        points=points,
+        axis=axis,
+        free=free,
+        turn=turn,
+        rim1_u_px=rim1_u,
+        rim1_strength=middle(strength1),
+        rim2=rim2,
+        metal=metal,
+        dark=dark,
+    )

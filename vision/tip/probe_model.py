@@ -85,17 +85,17 @@ class ProbeModel:
         mask = np.zeros((TEMPLATE_HEIGHT_PX, TEMPLATE_WIDTH_PX), dtype=np.uint8)
         cv2.fillPoly(mask, [np.rint(outline).astype(np.int32)], (255,))
         return cls(
-            (taught.x_px, taught.y_px),
-            taught.angle_rad,
-            taught.shape,
-            taught.outline,
-            taught.rim_form_px,
-            np.ascontiguousarray(median(plane, 7)[part]),
-            mask,
-            corner,
-            (width, height),
-            taught.marking_contrast,
-            taught.click_offset_px,
+            tip_px=(taught.x_px, taught.y_px),
+            angle_rad=taught.angle_rad,
+            shape=taught.shape,
+            outline=taught.outline,
+            rim_form_px=taught.rim_form_px,
+            template=np.ascontiguousarray(median(plane, 7)[part]),
+            template_mask=mask,
+            corner_px=corner,
+            frame_px=(width, height),
+            marking_contrast=taught.marking_contrast,
+            click_offset_px=taught.click_offset_px,
         )
 
     def save(self, path: str | Path) -> None:
@@ -148,17 +148,17 @@ def _from_stored(facts: dict[str, Any], stored: Any) -> ProbeModel:
     if form.ndim != 1 or form.size < 7 or not np.all(np.isfinite([*numbers, *form])):
         raise ValueError("its numbers are damaged")
     return ProbeModel(
-        check_point(facts["tip_px"], "tip_px"),
-        float(facts["angle_rad"]),
-        NeedleShape(**{name: float(number) for name, number in facts["shape"].items()}),
-        outline,
-        form,
-        template,
-        mask,
-        (int(facts["corner_px"][0]), int(facts["corner_px"][1])),
-        (int(facts["frame_px"][0]), int(facts["frame_px"][1])),
-        float(facts["marking_contrast"]),
-        float(facts["click_offset_px"]),
+        tip_px=check_point(facts["tip_px"], "tip_px"),
+        angle_rad=float(facts["angle_rad"]),
+        shape=NeedleShape(**{name: float(number) for name, number in facts["shape"].items()}),
+        outline=outline,
+        rim_form_px=form,
+        template=template,
+        template_mask=mask,
+        corner_px=(int(facts["corner_px"][0]), int(facts["corner_px"][1])),
+        frame_px=(int(facts["frame_px"][0]), int(facts["frame_px"][1])),
+        marking_contrast=float(facts["marking_contrast"]),
+        click_offset_px=float(facts["click_offset_px"]),
     )
 
 
@@ -173,7 +173,14 @@ def _outline(table: NDArray[np.float64], cylinder_rows: int, dim_side: int) -> S
     if not rows_fit or not np.all(np.isfinite(table)) or np.any(np.diff(table[0]) <= 0.0):
         raise ValueError("its outline is damaged")
     shade = table[3] if columns == 4 else None
-    return Silhouette(table[0], table[1], table[2], cylinder_rows, dim_side, shade)
+    return Silhouette(
+        u_px=table[0],
+        left_px=table[1],
+        right_px=table[2],
+        cylinder_rows=cylinder_rows,
+        dim_side=dim_side,
+        shade_px=shade,
+    )
 
 
 def _template_corner(x_px: float, y_px: float, angle_rad: float) -> tuple[int, int]:

@@ -83,7 +83,15 @@ def straighten(
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     laid: Plane = np.asarray(cv2.warpAffine(plane, matrix, size, flags=flags, borderMode=cv2.BORDER_REPLICATE))
     low, high = quantiles(laid[::6, ::5], 0.05, 0.99)
-    return ProbeStrip(laid, at_px[0], at_px[1], angle_rad, u_from_px, reach_px, max(0.05 * (high - low), 2.0))
+    return ProbeStrip(
+        pixels=laid,
+        x_px=at_px[0],
+        y_px=at_px[1],
+        angle_rad=angle_rad,
+        u_from_px=u_from_px,
+        reach_px=reach_px,
+        edge_level=max(0.05 * (high - low), 2.0),
+    )
 
 
 def around(plane: Plane, at_px: tuple[float, float], angle_rad: float, shape: NeedleShape, spare_px: int) -> ProbeStrip:

@@ -160,7 +160,16 @@ def _conclude(strip: ProbeStrip, rough: RoughOutline, outline: Silhouette, click
     metal, dark = marking_levels(strip, (0.0, 0.0), rim1_u, rim2_u)
     shape, outline = _sizes(outline, along, rim1_u, rim2_u)
     x, y = strip.to_image(along, 0.0)
-    return Taught(x, y, strip.angle_rad, shape, outline, form, 1.0 - dark / max(metal, 1.0), across)
+    return Taught(
+        x_px=x,
+        y_px=y,
+        angle_rad=strip.angle_rad,
+        shape=shape,
+        outline=outline,
+        rim_form_px=form,
+        marking_contrast=1.0 - dark / max(metal, 1.0),
+        click_offset_px=across,
+    )
 
 
 def _check_end(strip: ProbeStrip, end_u_px: float) -> None:
@@ -208,7 +217,9 @@ def _sizes(outline: Silhouette, end_u_px: float, rim1_u_px: float, rim2_u_px: fl
     u, cylinder_rows = caliper_rows(h, marking)
     left, right = (np.interp(u, outline.u_px - end_u_px, side) for side in (outline.left_px, outline.right_px))
     shade = None if outline.shade_px is None else np.interp(u, outline.u_px - end_u_px, outline.shade_px)
-    final = Silhouette(u, left, right, cylinder_rows, outline.dim_side, shade)
+    final = Silhouette(
+        u_px=u, left_px=left, right_px=right, cylinder_rows=cylinder_rows, dim_side=outline.dim_side, shade_px=shade
+    )
     cylinder = float(np.mean(final.half_px[~final.on_taper]))
     taper_u, taper = u[final.on_taper], final.half_px[final.on_taper]
     narrowing = taper < 0.93 * cylinder
