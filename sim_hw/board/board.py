@@ -15,10 +15,12 @@ from sim_hw.board.files import BoardFiles, open_folder
 from sim_hw.board.netlist import Record, read_netlist
 from sim_hw.board.shapes import Round, Shape, centre_line_box, outline_polygons, rounds, shapes
 
-ROBOT_ORIGIN_UM = (60_000.0, 40_000.0)  # robot position of the outline's lower left corner (bottom: lower right)
+ROBOT_ORIGIN_UM = (60_000.0, 40_000.0)
+"""Robot position of the outline's lower left corner (bottom: lower right)."""
 SIDES = ("top", "bottom")
 
-_SAME_PLACE_MM = 0.02  # netlists are rounded to 2.54 um, drills to 1 um
+_SAME_PLACE_MM = 0.02
+"""Netlists are rounded to 2.54 um, drills to 1 um."""
 _NAME_PLACE_MM = 0.05
 
 

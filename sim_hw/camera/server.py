@@ -25,7 +25,8 @@ from sim_hw.scene.sensor import Picture
 MODEL = "reprobe simulated camera"
 JPEG_QUALITY = 92
 MAX_BUFFERS = 10
-_TORN_SHARE = 0.6  # of the bytes of a torn frame arrive
+_TORN_SHARE = 0.6
+"""Share of the bytes of a torn frame that arrive."""
 _TICK_S = 0.02
 
 

@@ -22,8 +22,8 @@ PROFILE_POSITION, HOMING = 1, 6
 
 _QUICK_STOP_BIT, _FAULT_RESET = 1 << 2, 1 << 7
 
-#: 605Ah: brake with 6084h or 6085h; the last two stay in "quick stop active".
 _CUT, _SLOW, _SLOW_STAY, _STAY = 0, 1, 5, (5, 6)
+"""605Ah: brake with 6084h or 6085h; the last two stay in "quick stop active"."""
 
 
 class Drive:

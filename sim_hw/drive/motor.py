@@ -12,8 +12,8 @@ from sim_hw.plant.plant import Plant
 
 Switch = Literal["negative", "positive", "home"]
 
-#: Bit of each switch in 60FDh and of its enabling in 3240h:01.
 SWITCH_BITS: dict[Switch, int] = {"negative": 0, "positive": 1, "home": 2}
+"""Bit of each switch in 60FDh and of its enabling in 3240h:01."""
 
 
 class Motor:

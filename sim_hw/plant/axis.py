@@ -27,14 +27,14 @@ class AxisSpec:
     negative_limit: float
     positive_limit: float
     home_edge: float
-    #: The home switch is active above its edge (True) or below it (False).
     home_above: bool
+    """The home switch is active above its edge (True) or below it (False)."""
     hard_min: float
     hard_max: float
 
 
-#: Position unit B5h of an open-loop drive: pole pairs x 65536.
 INCREMENTS_PER_REV = 50 * 65536
+"""Position unit B5h of an open-loop drive: pole pairs x 65536."""
 
 _ABOVE, _BELOW = True, False
 

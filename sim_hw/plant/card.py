@@ -15,10 +15,10 @@ import numpy.typing as npt
 from sim_hw.plant.knobs import Knobs
 from sim_hw.plant.pose import chosen
 
-#: Nominal centre of the print in the robot frame: reached at every head angle, and far from the board.
 CARD_CENTRE_UM = (30_000.0, 22_000.0)
-#: Side of the square paper, whose middle is the centre of the print.
+"""Nominal centre of the print in the robot frame: reached at every head angle, and far from the board."""
 CARD_SIDE_UM = 11_000.0
+"""Side of the square paper, whose middle is the centre of the print."""
 
 
 @dataclass(frozen=True)

@@ -30,19 +30,19 @@ class HeadState:
     x_um: float
     y_um: float
     z_um: float
-    #: Head angle, 0..360.
     theta_deg: float
-    #: The end of a straight needle in the robot frame, run-out included; the `bent` fault is added by the truth log.
+    """Head angle, 0..360."""
     tip_x_um: float
+    """The end of a straight needle in the robot frame, run-out included; the `bent` fault is added by the truth log."""
     tip_y_um: float
-    #: The end of the pin, were it free, above the nominal board plane: the head's height.
     tip_z_um: float
-    #: How far the pin is pushed in.
+    """The end of the pin, were it free, above the nominal board plane: the head's height."""
     pressed_um: float
-    #: The end of the pin above the real surface at that place: 0 when pressed, below 0 past the pin's travel.
+    """How far the pin is pushed in."""
     tip_height_um: float
-    #: Light levels 0..1.
+    """The end of the pin above the real surface at that place: 0 when pressed, below 0 past the pin's travel."""
     white: float
+    """Light levels 0..1."""
     red: float
     moving: bool
 

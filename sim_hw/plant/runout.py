@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-#: Distance of the tip from the head's axis and its angle at theta = 0: least-squares circle of appendix D.
 TIP_RADIUS_UM = 14938.26
+"""Distance of the tip from the head's axis and its angle at theta = 0: least-squares circle of appendix D."""
 TIP_PHASE_DEG = -3.054
 
 _DATA = Path(__file__).parent / "data" / "head_runout.csv"

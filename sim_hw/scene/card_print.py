@@ -9,18 +9,19 @@ import numpy.typing as npt
 from sim_hw.plant.card import CARD_SIDE_UM
 from sim_hw.scene.texture import BENCH_RED, BENCH_WHITE, TILE, Picture, periodic_noise
 
-#: From the centre to an arm's end, and width of arms and ring.
 ARM_UM = 900.0
+"""From the centre to an arm's end, and width of arms and ring."""
 LINE_UM = 70.0
 RING_RADIUS_UM = 420.0
 CARD_TEXEL_UM = 5.5
 
-_MARGIN = 10  # texels of bench round the paper: its edge is smooth too
+_MARGIN = 10
+"""Texels of bench round the paper: its edge is smooth too."""
 _PAPER = (203, 205, 204, 186)
 _TONER = (36, 35, 36, 27)
 _STRIP = (40, 38, 37, 26)
-#: What covers the card: a strip across it, from and to along u, that leaves the end of one arm to be seen.
 _STRIP_UM = (np.float32(-1600.0), np.float32(450.0))
+"""What covers the card: a strip across it, from and to along u, that leaves the end of one arm to be seen."""
 _RAGGED_UM = 3.0
 
 Field = npt.NDArray[np.float32]

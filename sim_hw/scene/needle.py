@@ -19,17 +19,21 @@ from sim_hw.scene.optics import Optics
 Field = npt.NDArray[np.float64]
 
 END_RADIUS_UM = 25.0
-RIM2_PX = 127.0  # from the end up to the marking's lower rim, along the needle, as seen
+RIM2_PX = 127.0
+"""From the end up to the marking's lower rim, along the needle, as seen."""
 MARKING_PX = 45.0
 MARKING_WIDTH_PX = 40.0
 CYLINDER_WIDTH_PX = 42.0
 CYLINDER_PX = 285.0
 BARREL_WIDTH_PX = 75.0
-_TOP_UM = 24_000.0  # beyond the upper border of the picture
+_TOP_UM = 24_000.0
+"""Beyond the upper border of the picture."""
 _STEP_UM = 5.0
 _RAGGED_UM = 14.0
-_BOWED_PX = 260.0  # a bent probe is straight from here upwards
-_RIM_REACH_UM = 100.0  # no rim of the marking wavers farther
+_BOWED_PX = 260.0
+"""A bent probe is straight from here upwards."""
+_RIM_REACH_UM = 100.0
+"""No rim of the marking wavers farther."""
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,11 @@ WIDTH_PX = 1600
 HEIGHT_PX = 1200
 FOCAL_PX = 5000.0
 TILT_DEG = 30.0
-PITCH_UM = 12.0  # one pixel at the tip, across the view
+PITCH_UM = 12.0
+"""One pixel at the tip, across the view."""
 TIP_PX = (428.0, 620.0)
-NEEDLE_DIRECTION = (119.0 / 260.74, 232.0 / 260.74)  # in the image, downwards along the needle to its end
+NEEDLE_DIRECTION = (119.0 / 260.74, 232.0 / 260.74)
+"""In the image, downwards along the needle to its end."""
 
 
 class Pose(Protocol):

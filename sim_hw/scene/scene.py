@@ -23,11 +23,12 @@ from sim_hw.scene.texture import BENCH_RED, BENCH_WHITE, Picture
 
 _LIGHT_SAMPLES = 9
 _MOVING_VIEWS = 4
-_FAINT_GREY = 1.2  # light that would not lift a white thing by this much is left out
+_FAINT_GREY = 1.2
+"""Light that would not lift a white thing by this much is left out."""
 _FLEX_LIMIT_PX = 2.0
 _GAP_STEP_UM = 25.0
-# Where the shadows fall (degrees from the camera's viewing direction) and how long they are.
 _WHITE_LAMP = (38.0, 0.75)
+"""Where the shadows fall (degrees from the camera's viewing direction) and how long they are."""
 _RED_LAMP = (-46.0, 0.70)
 
 

@@ -13,12 +13,13 @@ Channels = tuple[float, float, float]
 
 NOMINAL_EXPOSURE_S = 0.020
 BLACK_LEVEL = 3.0
-#: How much of the red lamp's light the blue, green and red pixels see.
 RED_SEEN = (0.03, 0.05, 1.0)
-#: The room: a little white light even when both lamps are off, as a share of the white lamp.
+"""How much of the red lamp's light the blue, green and red pixels see."""
 AMBIENT = 0.004
+"""The room: a little white light even when both lamps are off, as a share of the white lamp."""
 _LAMP_CENTRE_PX = (760.0, 585.0)
-_SPARE_PX = 192  # how much larger than a frame the noise is: it is cut out at random offsets
+_SPARE_PX = 192
+"""How much larger than a frame the noise is: it is cut out at random offsets."""
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,10 @@ Picture = npt.NDArray[np.uint8]
 TEXEL_UM = 6.0
 MARGIN_MM = 1.0
 TILE = 1024
-_FINE = 2  # class points per texel and direction
-_SHIFT = 4  # fractional bits of polygon corners
+_FINE = 2
+"""Class points per texel and direction."""
+_SHIFT = 4
+"""Fractional bits of polygon corners."""
 _COPPER, _OPEN, _SILK, _HOLE, _BOARD = 1, 2, 4, 8, 16
 BENCH_WHITE = (20, 21, 22)
 BENCH_RED = 12

@@ -13,10 +13,10 @@ from vision.core import Bgr, CircleFit, NotFound, check_bgr, red_signal
 from vision.pads import NEEDLE_MARGIN_PX, Decided, Seen, TestPoint
 from vision.tip import Tip, needle_outline
 
-# Room round the window, and what is shown when there was nothing to look round.
 MARGIN_PX, UNSEARCHED_PX = 6, 119
-# So many objects get a label; the others only their mark, and a count below.
+"""Room round the window, and what is shown when there was nothing to look round."""
 MOST_LABELS = 16
+"""So many objects get a label; the others only their mark, and a count below."""
 LEGEND = (
     (ANSWER, "nearest test point"),
     (USED, "other test points"),

@@ -21,17 +21,17 @@ UNDECIDED: Colour = (255, 80, 255)
 FRAME: Colour = (230, 170, 90)
 INK: Colour = (255, 255, 255)
 SHADOW: Colour = (20, 20, 20)
-# Sub-pixel positions are drawn with this many binary places.
 SHIFT = 4
+"""Sub-pixel positions are drawn with this many binary places."""
 FONT, TEXT_SCALE = cv2.FONT_HERSHEY_SIMPLEX, 0.46
-# How much a label should spare a place: a drawn line, and the ground inside a ring.
 LINE_WORTH, INSIDE_WORTH = 255, 60
-# The bright parts of a piece are drawn at this level, so that dark frames can be read by people too.
+"""How much a label should spare a place: a drawn line, and the ground inside a ring."""
 BRIGHT_LEVEL, LEAST_GAIN, MOST_GAIN = 215.0, 1.25, 8.0
+"""The bright parts of a piece are drawn at this level, so that dark frames can be read by people too."""
 SCALE_LENGTHS_PX = (200, 100, 50, 20, 10, 5, 2, 1)
 LONGEST_SCALE = 150.0
-# A label nearer than this to what it names needs no line to it.
 SHORT_LEADER = 5.0
+"""A label nearer than this to what it names needs no line to it."""
 
 
 class Sheet:

@@ -9,10 +9,10 @@ from vision.annotate.sheet import ANSWER, FRAME, INK, THROWN, USED, Sheet, brigh
 from vision.core import Bgr, NotFound, check_bgr
 from vision.tip import ProbeModel, Tip, needle_outline
 
-# Marking, taper and end, with the end low on the right: the needle comes from the upper left.
 AREA_PX, TIP_AT_PX = (300, 350), (205, 275)
-# The end is shown once more, larger.
+"""Marking, taper and end, with the end low on the right: the needle comes from the upper left."""
 CLOSE_PX, CLOSE_ZOOM = 34, 6
+"""The end is shown once more, larger."""
 LEGEND = ((ANSWER, "tip"), (USED, "edges, rims"), (FRAME, "bisector"), (THROWN, "where the edges would meet"))
 
 

@@ -15,12 +15,13 @@ from vision.control_point.cross import FARTHEST, Cross, measure_crosses
 from vision.control_point.proposals import propose_crossings
 from vision.core import Gray, NotFound, Reason, check_bgr, check_exposure, check_point, despike, gray
 
-# Two answers nearer than this are the same one, px.
 SAME_PX = 1.0
-# A proposal this near to a measured centre is that one again, px.
+"""Two answers nearer than this are the same one, px."""
 KNOWN_PX = 10.0
-# A needle's edge beside a hidden arm can pass for it: such an answer has fewer stations and a larger sigma by these.
+"""A proposal this near to a measured centre is that one again, px."""
 WORSE_STATIONS, WORSE_SIGMA = 0.9, 2.0
+"""A needle's edge beside a hidden arm can pass for it: such an answer has fewer stations and a larger sigma by
+these."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,21 +15,21 @@ from numpy.typing import NDArray
 from vision.core import Gray, Plane
 
 Floats = NDArray[np.float64]
-# Angle between two lines through the centre, degrees, as the oblique view shows it: 72..95 and its supplement.
 ARM_ANGLE_DEG = (72.0, 108.0)
-# What voting for directions in bins of 3 degrees may add to it.
+"""Angle between two lines through the centre, degrees, as the oblique view shows it: 72..95 and its supplement."""
 ANGLE_SLACK_DEG = 3.0
+"""What voting for directions in bins of 3 degrees may add to it."""
 WIDEST_ARM_PX = 14.0
-# Darker than the paper by at least this many levels.
 LEAST_DEPTH = 12.0
+"""Darker than the paper by at least this many levels."""
 DIRECTIONS = 60
 LINES, CROSSINGS = 10, 5
-# Arms are looked for from this share of their length outwards.
 INNER_SHARE = 0.2
-# A line pixel runs along an arm when their directions differ by less, rad.
+"""Arms are looked for from this share of their length outwards."""
 ALONG_RAD = 0.3
-# On each line an arm shows on this share of its length.
+"""A line pixel runs along an arm when their directions differ by less, rad."""
 LEAST_COVER = 0.35
+"""On each line an arm shows on this share of its length."""
 APART_PX = 4.0
 
 

@@ -17,15 +17,15 @@ from vision.core import Floats, Plane, derivative, middle, refine_peaks, robust_
 Flags = NDArray[np.bool_]
 NARROWEST_ARM_PX = 1.5
 EDGE_SIGMA_PX = 1.2
-# Paper is judged this far outside an edge, where the edge's blur has ended, px.
 FLANK_PX = (3.0, 5.0)
+"""Paper is judged this far outside an edge, where the edge's blur has ended, px."""
 MARGIN_PX = 9
-# An edge of a station is sought this far from where the strip should have it, px.
 SEARCH_PX = 2.0
-# Shares of the typical strength of an edge, and of the typical step from strip to paper, that a station must have.
+"""An edge of a station is sought this far from where the strip should have it, px."""
 LEAST_STRENGTH, LEAST_STEP = 0.45, 0.75
-# Widths scatter by toner and noise; what lies further off than three scales, and this, is something else, px.
+"""Shares of the typical strength of an edge, and of the typical step from strip to paper, that a station must have."""
 WIDTH_SLACK_PX = 0.5
+"""Widths scatter by toner and noise; what lies further off than three scales, and this, is something else, px."""
 LEAST_STATIONS = 10
 
 

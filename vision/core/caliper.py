@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from vision.core.image import Gray, Plane
 
 Floats = NDArray[np.float64]
-# Residuals are weighted by Tukey's biweight with this many scales of reach (95 % efficient on Gaussian noise).
 TUKEY_REACH = 4.685
+"""Residuals are weighted by Tukey's biweight with this many scales of reach (95 % efficient on Gaussian noise)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,13 +19,14 @@ from vision.core.view import View, ellipse_of
 
 Flags = NDArray[np.bool_]
 LEAST_POINTS, LEAST_FOR_FOURTH = 8, 16
-# Fewer edge points than this share of a contour's length are not worth a fit; a shape is asked of rounder things only.
 LEAST_LENGTH, LEAST_FOR_SHAPE = 0.3, 0.65
+"""Fewer edge points than this share of a contour's length are not worth a fit; a shape is asked of rounder things
+only."""
 LEAST_COVERAGE = 0.35
-# An edge this near the fit lies on it: small circles must not be met by the bends and corners of strokes.
 NEAR_PX, NEAR_SHARE, MOST_NEAR_PX = 0.35, 0.05, 0.8
-# An edge belongs to the contour if its slope points at the centre to this (cosine).
+"""An edge this near the fit lies on it: small circles must not be met by the bends and corners of strokes."""
 LEAST_AIM = 0.75
+"""An edge belongs to the contour if its slope points at the centre to this (cosine)."""
 ROUNDS = 3
 NOTHING_HIDDEN: Flags = np.zeros((0, 0), dtype=np.bool_)
 

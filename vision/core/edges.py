@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from vision.core.image import Gray
 
 Floats = NDArray[np.float32]
-# The picture is smoothed by this before slopes are taken, px.
 SMOOTH_PX = 1.0
-# Slope of an edge worth a look, levels per px (after smoothing).
+"""The picture is smoothed by this before slopes are taken, px."""
 LEAST_SLOPE = 6.0
+"""Slope of an edge worth a look, levels per px (after smoothing)."""
 
 
 @dataclass(frozen=True, slots=True)

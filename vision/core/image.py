@@ -17,12 +17,14 @@ Gray = NDArray[np.uint8]
 Bgr = NDArray[np.uint8]
 Plane = NDArray[np.float32]
 
-# Fig. 5.8 of the thesis: brightens bright detail and darkens dark detail; its weights sum to 2, by which it is divided.
 HIGHLIGHT_KERNEL = np.array([[-1, -1, -1], [-1, 10, -1], [-1, -1, -1]], dtype=np.float32) / 2.0
-# A pixel this far from the median of its 3x3 neighbourhood is salt or pepper: the optics blur any real detail wider.
+"""Fig. 5.8 of the thesis: brightens bright detail and darkens dark detail; its weights sum to 2, by which it is
+divided."""
 SPIKE_LEVELS = 60
-# At this level or above an 8-bit pixel carries no more information.
+"""A pixel this far from the median of its 3x3 neighbourhood is salt or pepper: the optics blur any real detail
+wider."""
 SATURATED_LEVEL = 250
+"""At this level or above an 8-bit pixel carries no more information."""
 
 
 def check_bgr(image: Any) -> Bgr:

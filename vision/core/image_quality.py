@@ -17,19 +17,20 @@ from numpy.typing import NDArray
 
 from vision.core.image import SATURATED_LEVEL, Bgr, Gray, Plane, check_bgr, red_signal
 
-# At this level or below, an 8-bit pixel tells nothing about the dark.
 BLACK_LEVEL = 5
-# Derivatives are taken on this Gaussian, px. Narrower, noise and rounding show at 8 px of blur; wider, the difference
-# between 0.5 and 1 px of blur fades.
+"""At this level or below, an 8-bit pixel tells nothing about the dark."""
 SCALE_PX = 1.5
-# An edge is where the slope exceeds this many sigma of its noise, and this share of the strong slopes in the picture.
+"""Derivatives are taken on this Gaussian, px. Narrower, noise and rounding show at 8 px of blur; wider, the difference
+between 0.5 and 1 px of blur fades."""
 EDGE_SIGMAS, EDGE_SHARE, STRONG_PERCENTILE = 6.0, 0.2, 99.5
-# The flanks of an edge belong to it: this many px round it are measured as well.
+"""An edge is where the slope exceeds this many sigma of its noise, and this share of the strong slopes in the
+picture."""
 FLANK_PX = 9
-# Immerkaer's kernel answers to no slope and no straight edge along an axis; its answer to noise is 6 sigma.
+"""The flanks of an edge belong to it: this many px round it are measured as well."""
 NOISE_KERNEL = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], dtype=np.float32) / 6.0
-# The median of |x| of a normal distribution in its sigma.
+"""Immerkaer's kernel answers to no slope and no straight edge along an axis; its answer to noise is 6 sigma."""
 MEDIAN_OF_NORMAL = 0.6745
+"""The median of |x| of a normal distribution in its sigma."""
 LEAST_SIDE_PX = 32
 
 

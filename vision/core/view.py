@@ -50,8 +50,8 @@ def _stretch(along_rad: float, factor: float) -> Floats:
     return matrix
 
 
-# Nothing is known of the camera: between a square view and the thesis' oblique one, and either may be true.
 UNKNOWN_VIEW = View(ratio=0.935, shape_sigma=0.06)
+"""Nothing is known of the camera: between a square view and the thesis' oblique one, and either may be true."""
 
 
 def ellipse_of(matrix: Floats) -> tuple[float, float, float]:

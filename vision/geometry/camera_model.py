@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike
 
 from vision.geometry.frames import Array, rotation
 
-# A ray that meets a plane at less than this slope (sine of the angle) runs along it.
 LEAST_SLOPE = 1e-9
+"""A ray that meets a plane at less than this slope (sine of the angle) runs along it."""
 
 
 def check_points(points: Any, name: str, columns: int) -> Array:

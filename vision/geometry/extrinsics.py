@@ -26,24 +26,27 @@ from numpy.typing import ArrayLike
 from vision.geometry.camera_model import Extrinsics, Intrinsics, check_points
 from vision.geometry.frames import Array, rotation
 
-# A homography needs 4 points, a camera matrix 6.
 LEAST_FLAT_POINTS, LEAST_SOLID_POINTS = 4, 6
-# Third over second extent of the model: below the first it counts as flat, below the second it has no relief at all.
+"""A homography needs 4 points, a camera matrix 6."""
 FLAT_RATIO, NO_RELIEF_RATIO = 0.1, 1e-6
-# Second over first extent: below it, the points lie on a line.
+"""Third over second extent of the model: below the first it counts as flat, below the second it has no relief at
+all."""
 LINE_RATIO = 1e-3
-# Of the linear start, second smallest over largest singular value (normalised coordinates): below it, many starts fit.
+"""Second over first extent: below it, the points lie on a line."""
 LEAST_START_RATIO = 1e-3
-# Of the Jacobian, its columns at unit length: 1 to 60 for models worth the name, hundreds where they are nearly a line.
+"""Of the linear start, second smallest over largest singular value (normalised coordinates): below it, many starts
+fit."""
 MAX_CONDITION = 500.0
-# Converged: the next full step would move no point's picture further than this plus this share of the root of E. Much
-# below, E no longer shows in double precision whether a step went down.
+"""Of the Jacobian, its columns at unit length: 1 to 60 for models worth the name, hundreds where they are nearly a
+line."""
 STEP_PX, STEP_SHARE = 1e-6, 1e-7
+"""Converged: the next full step would move no point's picture further than this plus this share of the root of E. Much
+below, E no longer shows in double precision whether a step went down."""
 MAX_ITERATIONS, MAX_DAMPING = 200, 1e12
-# Two minima are different poses from here on, and equally good if E differs by less than this many sigma squared.
 DIFFERENT_DEG, EQUAL_SIGMA2 = 0.01, 9.0
-# Nearer than this to theta_y = +-90 deg the single angles mean nothing.
+"""Two minima are different poses from here on, and equally good if E differs by less than this many sigma squared."""
 LEAST_COS_Y = 1e-6
+"""Nearer than this to theta_y = +-90 deg the single angles mean nothing."""
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,8 @@ from vision.core import Bgr, check_bgr
 from vision.geometry.camera_model import Extrinsics, Intrinsics, check_points
 from vision.geometry.frames import Array
 
-# OpenCV's warp takes no longer side than this, and no one looks at more pixels.
 LONGEST_SIDE_PX, MOST_PIXELS = 32_000, 100_000_000
+"""OpenCV's warp takes no longer side than this, and no one looks at more pixels."""
 
 
 @dataclass(frozen=True)

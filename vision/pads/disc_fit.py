@@ -15,27 +15,27 @@ from numpy.typing import NDArray
 from vision.core import Contour, Floats, Plane, View, middle, solve_normal, spread, tukey
 
 Flags = NDArray[np.bool_]
-# Pixels this near the rim tell of its place.
 EDGE_PX = 3.0
-# Pixels this near an edge are asked: the nearest tell of its place, the farther ones of how the levels slope.
+"""Pixels this near the rim tell of its place."""
 INSIDE_PX, OUTSIDE_PX = 7.0, 6.5
+"""Pixels this near an edge are asked: the nearest tell of its place, the farther ones of how the levels slope."""
 ROUNDS = 5
-# A pixel counts as badly explained up to this many levels.
 MOST_MISFIT = 25.0
-# Half a grey level is what rounding alone leaves.
+"""A pixel counts as badly explained up to this many levels."""
 LEAST_NOISE = 0.4
+"""Half a grey level is what rounding alone leaves."""
 LEAST_BLUR_PX, MOST_BLUR_PX = 0.35, 3.0
 START_BLUR_PX, BLUR_SIGMA_PX = 1.1, 0.4
 HOLE_STEP_SIGMA, SMALL_RADIUS_PX = 0.3, 10.0
-# Share of the pixels that must agree with the model.
 LEAST_AGREE = 0.5
+"""Share of the pixels that must agree with the model."""
 LEAST_PIXELS = 40
-# Levels may slope by about this share of the step in a px (1-sigma).
 LEVEL_SLOPE = 0.006
-# A step this small ends the search.
+"""Levels may slope by about this share of the step in a px (1-sigma)."""
 SETTLED_PX = 0.012
-# Interpolation, demosaicking and JPEG leave about this, whatever the noise.
+"""A step this small ends the search."""
 SYSTEMATIC_SIGMA_PX = 0.02
+"""Interpolation, demosaicking and JPEG leave about this, whatever the noise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,9 +70,9 @@ class _Pixels:
     per_flat: Floats  # image px per flattened px across the edge
 
 
-# Where each parameter stands in a state: levels outside and the step inwards (constant, along u, along v), blur,
-# radius, centre (u, v), second harmonic; then the hole's step, radius, centre.
 FLOOR, STEP, BLUR, RADIUS, SIZE, HOLE_SIZE = 0, 3, 6, 7, 12, 4
+"""Where each parameter stands in a state: levels outside and the step inwards (constant, along u, along v), blur,
+radius, centre (u, v), second harmonic; then the hole's step, radius, centre."""
 
 
 def measure_disc(

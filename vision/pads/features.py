@@ -14,17 +14,18 @@ from vision.pads.patch import cut_patch
 from vision.pads.rules import LEAST_VISIBLE, ROUND_COVERAGE, Hole, SeenObject
 from vision.pads.window import Window
 
-# Measured without its blur a hole lies below its pad by at least this share of the pad's step, in a small pad and in a
-# large one; a probe's mark does not.
 HOLE_STEP, LARGE_HOLE_STEP = 0.55, 0.75
-# The hole of a small pad must explain the pixels better by this much: chi square of four parameters, far out.
+"""Measured without its blur a hole lies below its pad by at least this share of the pad's step, in a small pad and in a
+large one; a probe's mark does not."""
 HOLE_EVIDENCE = 30.0
-# Edge points alone give an ellipse's ratio to about 0.05; a pad's is 0.785 or more.
+"""The hole of a small pad must explain the pixels better by this much: chi square of four parameters, far out."""
 PLAUSIBLE_RATIO = 0.68
-# Levels are taken where nothing can stand in front, if that is this share of the disc or more.
+"""Edge points alone give an ellipse's ratio to about 0.05; a pad's is 0.785 or more."""
 LEAST_CLEAR = 0.3
-# A measured disc that differs from its edge points by more than this (px, or share of the radius) is something else.
+"""Levels are taken where nothing can stand in front, if that is this share of the disc or more."""
 MOST_REFINED_PX, MOST_REFINED_SHARE = 1.0, 0.07
+"""A measured disc that differs from its edge points by more than this (px, or share of the radius) is something
+else."""
 
 
 def describe_disc(window: Window, edgels: Edgels, circle: CircleFit) -> SeenObject:

@@ -52,29 +52,29 @@ from vision.pads.rules import (
 from vision.pads.window import Window, hide, open_window
 from vision.tip import Tip, needle_outline
 
-# Room beside the largest pad for its edge and surroundings.
 MARGIN_PX = 8
-# Two candidates whose distances to the tip differ by less than this cannot be told apart by distance.
+"""Room beside the largest pad for its edge and surroundings."""
 AMBIGUOUS_PX = 3.0
-# Of two round things the smaller is compared with the other down to this share of its diameter.
+"""Two candidates whose distances to the tip differ by less than this cannot be told apart by distance."""
 LIKE_SIZE = 0.75
-# The needle's outline is trusted to this: its silhouette, its blur, and what it reflects onto.
+"""Of two round things the smaller is compared with the other down to this share of its diameter."""
 NEEDLE_MARGIN_PX = 1.8
-# The same of a needle that was found in the red picture itself.
+"""The needle's outline is trusted to this: its silhouette, its blur, and what it reflects onto."""
 SEEN_NEEDLE_MARGIN_PX = 1.3
-# A frame taken without light stays below this everywhere; a bare board under red light does not.
+"""The same of a needle that was found in the red picture itself."""
 DARK_LEVEL = 12.0
+"""A frame taken without light stays below this everywhere; a bare board under red light does not."""
 LARGEST_RADIUS_PX = 200.0
-# What these rules throw may be ink, and ink of one print is equally bright to this share of its contrast.
 INK_RULES = frozenset({RuleName.THIN, RuleName.ELONGATED, RuleName.RAGGED, RuleName.STROKE_END, RuleName.OVAL})
+"""What these rules throw may be ink, and ink of one print is equally bright to this share of its contrast."""
 INK_LIKENESS = 0.2
-# Two pads whose centres are nearer than this share of the sum of their radii would lie on each other. A doubtful one is
-# explained by a pad only if it lies within it.
 OVERLAP_SHARE, EXPLAINED_SHARE = 0.8, 0.55
-# An undecided circle of which this share of the contour is free may be a pad, should a pad be known to lie there.
+"""Two pads whose centres are nearer than this share of the sum of their radii would lie on each other. A doubtful one
+is explained by a pad only if it lies within it."""
 NEARLY_WHOLE = 0.8
-# It meets CAD's radius within this share (but at least this many px): the end of a trace is narrower than its pad.
+"""An undecided circle of which this share of the contour is free may be a pad, should a pad be known to lie there."""
 POSSIBLE_SHARE, POSSIBLE_SLACK_PX = 0.08, 0.5
+"""It meets CAD's radius within this share (but at least this many px): the end of a trace is narrower than its pad."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,16 +8,16 @@ from vision.core import CircleFit, Contour, Edgels, components, fit_circle, midd
 from vision.pads.patch import Patch
 from vision.pads.window import Window
 
-# A hole is darker than its pad by at least this share of the pad's contrast.
 HOLE_DEPTH = 0.30
-# A hole's radius as a share of its pad's, and how far a drill wanders; marks are smaller or lie anywhere.
+"""A hole is darker than its pad by at least this share of the pad's contrast."""
 HOLE_LEAST, HOLE_LARGEST, HOLE_WANDER = 0.12, 0.62, 0.32
-# Holes at least this large have a rim to lie on, visible for this share, of which this share shows an edge.
+"""A hole's radius as a share of its pad's, and how far a drill wanders; marks are smaller or lie anywhere."""
 HOLE_WITH_EDGE_PX, HOLE_VISIBLE, HOLE_COVERAGE = 3.6, 0.45, 0.55
-# A ring's inside is wider than this share of it and as bright as the board to this share of its step.
+"""Holes at least this large have a rim to lie on, visible for this share, of which this share shows an edge."""
 RING_SHARE, RING_LIKENESS = 0.44, 0.08
-# Of pads smaller than this the middle may be a hole though it is not dark: duller than the ring by this share.
+"""A ring's inside is wider than this share of it and as bright as the board to this share of its step."""
 DIP_RADIUS_PX, DIP_SHARE = 10.0, 0.12
+"""Of pads smaller than this the middle may be a hole though it is not dark: duller than the ring by this share."""
 
 
 def find_hole(

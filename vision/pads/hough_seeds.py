@@ -15,16 +15,16 @@ from numpy.typing import NDArray
 
 from vision.core import Edgels, View, middle
 
-# Share of a whole contour that must vote for a place before it is looked at, and that must then lie on one circle.
 LEAST_VOTE, LEAST_SHARE = 0.22, 0.38
-# Places looked at in each band of radii.
+"""Share of a whole contour that must vote for a place before it is looked at, and that must then lie on one circle."""
 MOST_PEAKS = 7
-# Fewer edge points make no circle; circles up to this radius are told apart by 3 px, larger ones by 5.
+"""Places looked at in each band of radii."""
 LEAST_POINTS, SMALL_PX = 6, 9.0
-# A second circle about the same centre shows at least this much of what the first does.
+"""Fewer edge points make no circle; circles up to this radius are told apart by 3 px, larger ones by 5."""
 MOST_RADII, SECOND_SHARE = 2, 0.5
-# An edge points at its circle's centre to this (cosine): noise, blur, and an ellipse of another ratio.
+"""A second circle about the same centre shows at least this much of what the first does."""
 LEAST_AIM = 0.85
+"""An edge points at its circle's centre to this (cosine): noise, blur, and an ellipse of another ratio."""
 
 
 @dataclass(frozen=True, slots=True)

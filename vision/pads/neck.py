@@ -7,8 +7,8 @@ import numpy as np
 from vision.core import CircleFit
 from vision.pads.window import Flags, Window
 
-# Where is looked for what goes on beyond a circle: on these rings, in radii, along so many rays.
 NECK_RINGS, NECK_RAYS, NECK_BESIDE = (1.15, 1.25, 1.35, 1.45), 72, 3
+"""Where is looked for what goes on beyond a circle: on these rings, in radii, along so many rays."""
 
 
 def neck_width(window: Window, circle: CircleFit, threshold: float) -> float:

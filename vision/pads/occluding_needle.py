@@ -16,23 +16,23 @@ from vision.core import Edgels, robust_fit
 
 Floats = NDArray[np.float64]
 LEAST_POINTS = 16
-# An edge runs along the needle to this (cosine between its slope and the needle's direction).
 MOST_ALONG = 0.45
-# How far behind the tip edges are looked for, px.
+"""An edge runs along the needle to this (cosine between its slope and the needle's direction)."""
 NEAREST_PX, FARTHEST_PX = 4.0, 46.0
-# A needle's half width at the tip, how it widens (half the taper), and how it may be turned, rad.
+"""How far behind the tip edges are looked for, px."""
 HALF_END_PX = np.array([1.5, 2.25, 3.0, 3.75])
+"""A needle's half width at the tip, how it widens (half the taper), and how it may be turned, rad."""
 TAPER = np.array([0.10, 0.12, 0.14, 0.16, 0.18])
 TURN = np.arange(-0.10, 0.101, 0.02)
 NEAR_PX = 1.1
-# Share of the length along which each edge must show, and both together.
 LEAST_EACH, LEAST_BOTH = 0.25, 1.0
-# Two lines that hardly spread are the edges of the streak.
+"""Share of the length along which each edge must show, and both together."""
 LEAST_TAPER = 0.05
-# Share of the length along which a streak must show when the edges do not.
+"""Two lines that hardly spread are the edges of the streak."""
 LEAST_STREAK = 0.8
-# Edges weaker than those of pads are asked here: dim metal before a dark board, levels per px.
+"""Share of the length along which a streak must show when the edges do not."""
 LEAST_SLOPE = 3.0
+"""Edges weaker than those of pads are asked here: dim metal before a dark board, levels per px."""
 
 
 @dataclass(frozen=True, slots=True)

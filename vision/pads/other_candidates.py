@@ -13,10 +13,10 @@ from vision.pads.rules import SeenObject
 from vision.pads.window import Window
 
 CLASSES = 4
-# Brightness classes this little above the board are solder mask and what lies under it.
 LEAST_STEP = 25.0
-# Objects smaller than this are noise and not even listed.
+"""Brightness classes this little above the board are solder mask and what lies under it."""
 LEAST_LISTED_PX = 9
+"""Objects smaller than this are noise and not even listed."""
 
 
 def other_objects(window: Window, explained: Iterable[SeenObject]) -> list[SeenObject]:

@@ -26,20 +26,20 @@ from vision.pads.rules import (
 )
 from vision.pads.window import Window
 
-# A circle with edge on less than this of its visible contour is not even a doubtful one.
 LISTED_COVERAGE = 0.45
-# A doubtful circle in a region this many times its own area belongs to that region.
+"""A circle with edge on less than this of its visible contour is not even a doubtful one."""
 LARGER_SHARE = 1.6
-# A whole circle tells the shape of the others beside it to this share of the radius, if as much edge lies on it.
+"""A doubtful circle in a region this many times its own area belongs to that region."""
 REFERENCE_SIGMA, TOLD_COVERAGE = 0.015, 0.9
-# Two measurements of one circle agree to this, px, and three sigma.
+"""A whole circle tells the shape of the others beside it to this share of the radius, if as much edge lies on it."""
 AGREE_PX = 0.1
-# A circle with edge on this share of its visible contour is not thrown with the region it lies in.
+"""Two measurements of one circle agree to this, px, and three sigma."""
 NEARLY_ROUND = 0.62
-# Circles touch whose centres are nearer than this share of the sum of their radii.
+"""A circle with edge on this share of its visible contour is not thrown with the region it lies in."""
 TOUCH_SHARE = 1.25
-# What lies this near a whole circle is the other's blur.
+"""Circles touch whose centres are nearer than this share of the sum of their radii."""
 TOUCHING_PX = 2
+"""What lies this near a whole circle is the other's blur."""
 
 
 def round_objects(window: Window, edgels: Edgels, wanted: Wanted) -> list[SeenObject]:

@@ -17,49 +17,50 @@ from enum import StrEnum
 from vision.core import CircleFit
 from vision.pads.rule_name import RuleName
 
-# Thesis 5.4.2 and 5.4.3, px. A measured radius may differ by the slack at either end.
 VIA_RADIUS_PX = (5.0, 8.0)
+"""Thesis 5.4.2 and 5.4.3, px. A measured radius may differ by the slack at either end."""
 SITE_RADIUS_PX = (14.0, 21.0)
 CLASS_SLACK_PX = 0.5
-# Of a partly hidden one it is known this much worse.
 HIDDEN_SLACK_PX = 0.5
-# Thesis 5.4.2 steps 4 and 5.
+"""Of a partly hidden one it is known this much worse."""
 LEAST_AREA_PX = 20.0
+"""Thesis 5.4.2 steps 4 and 5."""
 THIN_RATIO, THIN_WIDTH_PX, THIN_LENGTH_PX = 5.0, 2.0, 10.0
-# A CAD radius is met within this share (but at least this many px).
 EXPECTED_SHARE, EXPECTED_SLACK_PX = 0.12, 1.0
-# Less than this above its surroundings is a trace under the mask, not metal.
+"""A CAD radius is met within this share (but at least this many px)."""
 FAINT_CONTRAST = 35.0
-# A contour is a circle if edges lie on this share of what is visible of it, more if part of it is hidden, and enough
-# of it is visible.
+"""Less than this above its surroundings is a trace under the mask, not metal."""
 ROUND_COVERAGE, HIDDEN_COVERAGE, LEAST_VISIBLE = 0.67, 0.72, 0.50
-# A circle seen by a camera tilted by up to 38 degrees, and itself a little oval, is no more oval than this (minor over
-# major axis), and where part of its contour is missing not even so; what is clearly more oval is none, if this share
-# of it is visible.
+"""A contour is a circle if edges lie on this share of what is visible of it, more if part of it is hidden, and enough
+of it is visible."""
 LEAST_RATIO, DOUBTFUL_RATIO, OVAL_RATIO, WHOLE_SHAPE = 0.75, 0.785, 0.70, 0.75
-# What the others' brightness is held against is round all over and stands alone.
+"""A circle seen by a camera tilted by up to 38 degrees, and itself a little oval, is no more oval than this (minor over
+major axis), and where part of its contour is missing not even so; what is clearly more oval is none, if this share of
+it is visible."""
 CLEAR_COVERAGE, CLEAR_NECK = 0.9, 0.4
-# A square of rounded corners has a fourth harmonic of 0.05 to 0.08 of its radius; ragged discs have less.
+"""What the others' brightness is held against is round all over and stands alone."""
 MOST_SQUARE, SQUARE_NOISE_PX = 0.045, 0.05
+"""A square of rounded corners has a fourth harmonic of 0.05 to 0.08 of its radius; ragged discs have less."""
 CORNERED, CORNERED_NOISE_PX = 0.06, 0.1
-# Residual noise of a disc over its step: what is noisier is drawn by chance.
 MOST_NOISE = 0.25
-# Metal much duller than the brightest round thing beside it may be silkscreen: not taken, not thrown. A circle of which
-# part is hidden must stand out as the brightest does: a stroke of silkscreen cut off by the needle looks like one.
+"""Residual noise of a disc over its step: what is noisier is drawn by chance."""
 DULL_SHARE, DULL_CONTRAST_SHARE = 0.55, 0.75
+"""Metal much duller than the brightest round thing beside it may be silkscreen: not taken, not thrown. A circle of
+which part is hidden must stand out as the brightest does: a stroke of silkscreen cut off by the needle looks like
+one."""
 DULL_STROKE_SHARE = 0.8
 WHOLE_VISIBLE = 0.9
-# A disc fills 0.785 of the smallest rectangle round it; what fills more than this is one.
 ANGULAR_FILL = 0.84
-# What goes on beyond a circle as wide as this share of its diameter is a stroke of which the circle is only the end;
-# a trace is narrower than its pad, and a touching pad narrows to nothing where they meet.
+"""A disc fills 0.785 of the smallest rectangle round it; what fills more than this is one."""
 STROKE_NECK = 0.86
-# Between this and that it may be either, so it is not taken.
+"""What goes on beyond a circle as wide as this share of its diameter is a stroke of which the circle is only the end; a
+trace is narrower than its pad, and a touching pad narrows to nothing where they meet."""
 WIDEST_TRACE = 0.74
-# Of an object that is the needle, at least this share lies where one may be.
+"""Between this and that it may be either, so it is not taken."""
 NEEDLE_SHARE = 0.6
-# Of a taken pad, hole aside, at least this share is bright.
+"""Of an object that is the needle, at least this share lies where one may be."""
 LEAST_FILL = 0.75
+"""Of a taken pad, hole aside, at least this share is bright."""
 
 
 class Verdict(StrEnum):

@@ -19,23 +19,23 @@ from vision.tip.edges import EdgePoints
 from vision.tip.silhouette import Silhouette
 from vision.tip.strip import ProbeStrip, middle
 
-# How far inside the edge the metal's own slope is read, clear of the blurred step, and how much further once more: a
-# slope that grows inwards belongs to a highlight and says little of the edge.
 INSIDE_PX, FURTHER_PX = 4, 2
-# Rows narrower than this (half width) have no place to read it; theirs follows from the wider ones'.
+"""How far inside the edge the metal's own slope is read, clear of the blurred step, and how much further once more: a
+slope that grows inwards belongs to a highlight and says little of the edge."""
 LEAST_HALF_PX, LEAST_ROWS = 9.0, 3
-# Lens (1 px), smoothing across and sampling together, and the peak of a unit step's slope when blurred by it.
+"""Rows narrower than this (half width) have no place to read it; theirs follows from the wider ones'."""
 BLUR_PX = 1.35
+"""Lens (1 px), smoothing across and sampling together, and the peak of a unit step's slope when blurred by it."""
 STEEPEST = 0.4 / BLUR_PX
-# The ground of the taught picture, as a share of the metal next to the edge.
 TAUGHT_GROUND = 0.25
+"""The ground of the taught picture, as a share of the metal next to the edge."""
 MOST_SHIFT_PX = 1.2
-# How far outside the edge the ground is read. Within this share of the metal's level it is as bright as the metal.
 OUTSIDE_PX, SAME_LEVEL = 5.0, 0.2
-# An edge with so large a step, as a share of the metal's level, is one whatever lies further out.
+"""How far outside the edge the ground is read. Within this share of the metal's level it is as bright as the metal."""
 STRONG_STEP = 0.35
-# So much of cylinder and of taper (0..1) has to stand before something else, or the ground is no excuse.
+"""An edge with so large a step, as a share of the metal's level, is one whatever lies further out."""
 LEAST_TOLD = 0.35
+"""So much of cylinder and of taper (0..1) has to stand before something else, or the ground is no excuse."""
 
 
 def corrected(strip: ProbeStrip, slope: Plane, points: EdgePoints, line: tuple[float, float]) -> EdgePoints:

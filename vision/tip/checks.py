@@ -14,15 +14,15 @@ from vision.tip.side_checks import check_sides
 from vision.tip.strip import middle
 from vision.tip.verdicts import blurred, no_marking, wrong
 
-# Share of the calipers that must lie on the fitted silhouette.
 LEAST_SUPPORT = 0.5
-# A taper that shows both edges on so much more of its length (0..1) elsewhere than straight ahead is turned there;
-# one that shows fewer than the least straight ahead may point anywhere. Smaller turns are left to the fit.
+"""Share of the calipers that must lie on the fitted silhouette."""
 TURNED_LEAD, DOUBTFUL_LEAD, LEAST_TURN_DEG, LEAST_SHOWN_STRAIGHT = 0.25, 0.1, 3.5, 0.38
-# Share of the cylinder's length along which it may be as bright beyond its edge as within.
+"""A taper that shows both edges on so much more of its length (0..1) elsewhere than straight ahead is turned there; one
+that shows fewer than the least straight ahead may point anywhere. Smaller turns are left to the fit."""
 MOST_METAL_BEYOND = 0.9
-# Beside the marking a bright ground is at least so bright, as a share of what it is beside the metal.
+"""Share of the cylinder's length along which it may be as bright beyond its edge as within."""
 SAME_GROUND = 0.6
+"""Beside the marking a bright ground is at least so bright, as a share of what it is beside the metal."""
 # How far things may differ from what was taught before the needle counts as another or as damaged.
 TURN_LIMIT_DEG = 4.0
 BEND_LIMIT_PX = 2.0
@@ -30,18 +30,18 @@ BEND_CERTAIN_SIGMAS = 4.0
 WIDTH_LIMIT_PX = 1.5
 MARKING_LENGTH_LIMIT_PX = 2.5
 SHIFTED_MARKING_LIMIT_PX, SHIFTED_BETWEEN_GROUNDS_PX = 3.5, 4.5
-# A glint may hide where the light ends along half of the taper.
 SHADE_LIMIT_PX, LEAST_SHADE_SHARE = 3.0, 0.35
+"""A glint may hide where the light ends along half of the taper."""
 LEAST_MARKING_CONTRAST = 0.35
 LEAST_RIM_AGREEMENT = 0.5
-# The upper rim need not be as sharp as the lower one, but it should be a rim.
 LEAST_UPPER_RIM = 0.4
-# Edge points a side of taper or cylinder needs before its own width means something.
+"""The upper rim need not be as sharp as the lower one, but it should be a rim."""
 LEAST_SIDE_POINTS = 10
+"""Edge points a side of taper or cylinder needs before its own width means something."""
 SIDES_AGREE_PX, SIDES_AGREE_SHARE = 4.0, 0.5
-# The rim's steepest slope over the step from marking to metal, 1/px: 0.22 at a lens blur of 1 px, 0.19 at 1.4 px,
-# 0.14 at 2.5 px (a Gaussian of the blur and the caliper's 1.5 px together).
 LEAST_SHARPNESS = 0.12
+"""The rim's steepest slope over the step from marking to metal, 1/px: 0.22 at a lens blur of 1 px, 0.19 at 1.4 px, 0.14
+at 2.5 px (a Gaussian of the blur and the caliper's 1.5 px together)."""
 
 
 def check_direction(angle_rad: float, model: ProbeModel) -> NotFound | None:

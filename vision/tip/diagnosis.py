@@ -17,18 +17,18 @@ from vision.tip.strip import ProbeStrip, quantiles, straighten
 from vision.tip.template_search import search
 from vision.tip.verdicts import blurred
 
-# Directions a needle may have been turned to.
 WIDE_TURNS_DEG = tuple(float(d) for d in np.arange(-18.0, 18.1, 3.0))
-# There it shows so much of its outline (0..1), and so much more than in the taught direction.
+"""Directions a needle may have been turned to."""
 LEAST_TURNED, TURNED_LEAD = 0.5, 0.12
-# Share of clipped pixels round the needle from which its edges say nothing.
+"""There it shows so much of its outline (0..1), and so much more than in the taught direction."""
 MOST_CLIPPED = 0.2
+"""Share of clipped pixels round the needle from which its edges say nothing."""
 LEAST_STRIP_SHARPNESS = 0.08
-# Correlation with the golden template: 0.9 and more when blurred by 4 px and more, 0.55 at most without a needle.
 LIKE_A_NEEDLE = 0.7
+"""Correlation with the golden template: 0.9 and more when blurred by 4 px and more, 0.55 at most without a needle."""
 SIDE_SPARE_PX = 24
-# A bar shows both edges on so much of its length (0..1); the taught width beside it shows no more than that.
 LEAST_BAR, MOST_OF_OWN, MOST_OWN_BAR = 0.55, 0.85, 0.35
+"""A bar shows both edges on so much of its length (0..1); the taught width beside it shows no more than that."""
 OTHER_WIDTH = 0.12
 MOSTLY = 0.8
 SCAN_TILTS, SCAN_SHIFTS_PX = np.tan(np.radians(np.arange(-3.0, 3.1, 1.0))), np.arange(-12.0, 12.1, 2.0)

@@ -15,12 +15,14 @@ from vision.tip.strip import ProbeStrip, edge_maps, middle
 
 SHIFTS_PX: Floats = np.arange(-12.0, 12.1)
 TILTS: Floats = np.tan(np.radians(np.arange(-2.5, 2.51, 0.5)))
-# An edge that darkens inwards is one before something brighter than the metal: it counts, but less.
 DARKENING_WORTH = np.float32(0.7)
-# The template knows the needle to a few px: a place so much further away has to show so much more (0..1) of its edges.
+"""An edge that darkens inwards is one before something brighter than the metal: it counts, but less."""
 AWAY_WORTH = 0.04
-# Where only one edge votes, a highlight's border must not pass for it: so much of the usual steepest slope is asked.
+"""The template knows the needle to a few px: a place so much further away has to show so much more (0..1) of its
+edges."""
 LEAST_OF_STEEPEST = 0.6
+"""Where only one edge votes, a highlight's border must not pass for it: so much of the usual steepest slope is
+asked."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,15 +12,15 @@ from vision.tip.silhouette import Silhouette
 from vision.tip.strip import ProbeStrip
 
 ROUNDS = 8
-# A fit this share of the points agree with needs no other start; another start has to bring so
-# much more of them into agreement.
 ENOUGH_AGREE, BETTER_SHARE = 0.75, 0.1
+"""A fit this share of the points agree with needs no other start; another start has to bring so much more of them into
+agreement."""
 SCALE_FLOOR_PX, SCALE_CEILING_PX = 0.03, 0.35
-# How much wider the taught needle may look, by light and blur, and how much more so its taper, 1-sigma.
-# The second belief is firm: a highlight within the taper, before a pad as bright as metal, passes for a narrower taper.
 WIDTH_SIGMA_PX, TAPER_SIGMA_PX = 0.4, 0.06
-# A needle that is not bent turns its taper by no more than this over its length.
+"""How much wider the taught needle may look, by light and blur, and how much more so its taper, 1-sigma. The second
+belief is firm: a highlight within the taper, before a pad as bright as metal, passes for a narrower taper."""
 STRAIGHT_SIGMA_PX = 0.1
+"""A needle that is not bent turns its taper by no more than this over its length."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,12 +23,12 @@ from vision.tip.strip import NeedleShape
 from vision.tip.template_search import TemplateMatch, region, search
 from vision.tip.verdicts import no_marking, wrong
 
-# A lit board or base plate is brighter than this; the needle may be missing, so it is not asked.
 DARK_LEVEL = 12.0
-# Share of the calipers that must find the taught silhouette before anything is measured.
+"""A lit board or base plate is brighter than this; the needle may be missing, so it is not asked."""
 LEAST_VOTE = 0.35
-# What stays of errors the fit cannot see: the teaching's own noise, interpolation, light across the needle.
+"""Share of the calipers that must find the taught silhouette before anything is measured."""
 SYSTEMATIC_SIGMA_PX = 0.1
+"""What stays of errors the fit cannot see: the teaching's own noise, interpolation, light across the needle."""
 
 
 @dataclass(frozen=True, slots=True)

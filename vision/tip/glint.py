@@ -17,13 +17,13 @@ from vision.tip.measure import RIM1_REACH_PX, MeasuredTip
 from vision.tip.probe_model import ProbeModel
 from vision.tip.strip import middle
 
-# A column is spared when its two rims are as far apart as taught, but for how ragged they are.
 SPARED_PX = 2.0
+"""A column is spared when its two rims are as far apart as taught, but for how ragged they are."""
 LEAST_SPARED, LEAST_SPARED_COLUMNS = 0.35, 7
-# Rows of metal beside the marking, clear of its rims, that its darkness is compared with.
 CLEAR_PX, BESIDE_PX = 6, 24
-# Of a column of marking the darker quarter is free of a glint, and so is the better quarter of the columns.
+"""Rows of metal beside the marking, clear of its rims, that its darkness is compared with."""
 FREE_SHARE = 0.25
+"""Of a column of marking the darker quarter is free of a glint, and so is the better quarter of the columns."""
 
 
 def without_glint(needle: MeasuredTip, model: ProbeModel) -> MeasuredTip | None:

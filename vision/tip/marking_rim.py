@@ -11,11 +11,11 @@ from vision.core import Floats, derivative, refine_peaks, spread, tukey
 from vision.tip.strip import ProbeStrip, middle, middle_profile
 
 RIM_SIGMA_PX = 1.5
-# The part of the half width a rim is measured over. Painted rims wander round the needle: the more of it is seen the
-# better it averages, but near the edges the surface turns away and the rim's bow grows steep.
 RIM_SHARE = 0.75
-# A rim wanders over about this much of the needle's width before it comes back: columns closer than that agree.
+"""The part of the half width a rim is measured over. Painted rims wander round the needle: the more of it is seen the
+better it averages, but near the edges the surface turns away and the rim's bow grows steep."""
 BLOCK_PX = 5
+"""A rim wanders over about this much of the needle's width before it comes back: columns closer than that agree."""
 
 
 @dataclass(frozen=True, slots=True)

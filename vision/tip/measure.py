@@ -17,18 +17,19 @@ from vision.tip.probe_model import ProbeModel
 from vision.tip.strip import NeedleShape, ProbeStrip, across_slope, around, middle, middle_profile
 from vision.tip.template_search import TemplateMatch
 
-# The rough strip's spare room on every side, px: for where the template may be wrong and for a taper that is turned.
 SPARE_PX = 16
-# So many edges on the axis are hardly found where no needle is.
+"""The rough strip's spare room on every side, px: for where the template may be wrong and for a taper that is
+turned."""
 SURE_SHARE = 0.7
-# How far the marking may lie from where the template puts it.
+"""So many edges on the axis are hardly found where no needle is."""
 MARKING_REACH_PX = 14
+"""How far the marking may lie from where the template puts it."""
 LEAST_RIM_SLOPE = 4.0
 RIM1_REACH_PX = 8
 FIRST_REACH_PX, SECOND_REACH_PX = 4, 2
-# Edges before a darker ground are enough where they show on so much of the silhouette (0..1); edges of both
-# signs have to show on so much more of it.
 ENOUGH_SUPPORT, CLEARLY_MORE = 0.7, 0.05
+"""Edges before a darker ground are enough where they show on so much of the silhouette (0..1); edges of both signs have
+to show on so much more of it."""
 
 
 @dataclass(frozen=True, slots=True)

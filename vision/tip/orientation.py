@@ -13,8 +13,8 @@ from vision.tip.silhouette import Silhouette
 from vision.tip.strip import ProbeStrip
 
 TURNS_DEG = np.arange(-15.0, 15.01, 0.5)
-# The place a needle gives way need not be the marking's rim: the turned taper may start this far aside.
 SHIFTS_PX = np.arange(-4.0, 4.1, 1.0)
+"""The place a needle gives way need not be the marking's rim: the turned taper may start this far aside."""
 STRAIGHT_DEG, STRAIGHT_PX = 1.0, 1.0
 
 

@@ -16,18 +16,18 @@ from vision.tip.silhouette import Silhouette, caliper_rows
 from vision.tip.strip import ProbeStrip, across_slope, edge_maps, middle_profile
 
 HINT_REACH_DEG = 12.0
-# Half widths that are tried, px, and how much they may grow per px towards the barrel: a long taper need not end at the
-# marking. A growing one has to show so much more (0..1) of its edges than the best straight one.
 CYLINDER_HALVES_PX: Floats = np.arange(8.0, 50.1, 1.0)
+"""Half widths that are tried, px, and how much they may grow per px towards the barrel: a long taper need not end at
+the marking. A growing one has to show so much more (0..1) of its edges than the best straight one."""
 FLARES = (0.0, 0.02, 0.04, 0.06, 0.08, 0.1)
 FLARED_LEAD = 0.2
 HALF_STEP_PX = 0.5
-# From one caliper to the next a needle narrows by no more, and grows by no more, px.
 MOST_NARROWING_PX, MOST_GROWTH_PX = 2.0, 0.5
-# Of two paths along edges the outer one is the outline: so much is a pixel more worth, in rows.
+"""From one caliper to the next a needle narrows by no more, and grows by no more, px."""
 WIDER_WORTH = 0.03
-# Where the marking's lower rim may be, and how long the marking, px.
+"""Of two paths along edges the outer one is the outline: so much is a pixel more worth, in rows."""
 RIM2_FROM_PX, RIM2_TO_PX = -250, -40
+"""Where the marking's lower rim may be, and how long the marking, px."""
 MARKING_FROM_PX, MARKING_TO_PX = 15, 90
 LEAST_RIM_SLOPE = 4.0
 LEAST_PAIRS = 0.4

@@ -18,11 +18,12 @@ from vision.tip.silhouette import Silhouette
 from vision.tip.strip import NeedleShape
 from vision.tip.teach import AXIS_HINT_RAD, measure
 
-# The golden template of the thesis (fig. 5.7a): this much of the needle from just below its end upwards.
 TEMPLATE_WIDTH_PX, TEMPLATE_HEIGHT_PX = 116, 220
+"""The golden template of the thesis (fig. 5.7a): this much of the needle from just below its end upwards."""
 TEMPLATE_BELOW_TIP_PX = 8
-# The end rides on the head as the camera does: it flexes by pixels, so the search stays this close to its taught place.
 SEARCH_REACH_PX = 28
+"""The end rides on the head as the camera does: it flexes by pixels, so the search stays this close to its taught
+place."""
 VERSION = 2
 
 

@@ -13,13 +13,13 @@ from vision.core import Floats
 from vision.tip.silhouette import Silhouette
 from vision.tip.strip import CALIPER_STEP_PX, ProbeStrip, across_slope
 
-# One side is the dim one when its edge is so much weaker than the other's.
 DIM_SHARE = 0.6
-# The level, of the metal's about the axis, that is looked for.
+"""One side is the dim one when its edge is so much weaker than the other's."""
 HALF_LIGHT = 0.5
+"""The level, of the metal's about the axis, that is looked for."""
 MIDDLE_SHARE = 0.5
-# Share of rows that must show the level for a needle to be taught.
 LEAST_SHADE = 0.7
+"""Share of rows that must show the level for a needle to be taught."""
 
 
 def dim_side(strip: ProbeStrip, outline: Silhouette) -> int:

@@ -11,17 +11,17 @@ from vision.tip.probe_model import ProbeModel
 from vision.tip.strip import middle
 from vision.tip.verdicts import wrong
 
-# Of so many edges found on one side of the taper so much (0..1) has to lie on the fit, or all of them near it.
 LEAST_FOUND, LEAST_AGREEMENT, MOST_OFF_PX = 10, 0.3, 0.75
-# With fewer than so many edges on the fit a side tells nothing: what the other one tells has to be plainer then. The
-# bend at the end, its 1-sigma, and where the taper's width puts the marking, px.
+"""Of so many edges found on one side of the taper so much (0..1) has to lie on the fit, or all of them near it."""
 LEAST_USED = 6
+"""With fewer than so many edges on the fit a side tells nothing: what the other one tells has to be plainer then. The
+bend at the end, its 1-sigma, and where the taper's width puts the marking, px."""
 ONE_SIDED_BEND_PX, ONE_SIDED_SIGMA_PX, ONE_SIDED_MOVED_PX = 1.0, 0.5, 6.0
-# How much the half width of a cylinder seen on one side may differ, px.
 ONE_SIDED_WIDER_PX = 0.6
-# The thin half of the taper shows a shorter or a longer one: of so many edges found there more than half, or so many,
-# have to lie near the fit. Asked where a side has fewer than so many on the fit: others show the taper's length.
+"""How much the half width of a cylinder seen on one side may differ, px."""
 LEAST_THIN_FOUND, LEAST_THIN_NEAR, NEAR_PX, PLAIN_USED = 6, 4, 0.8, 8
+"""The thin half of the taper shows a shorter or a longer one: of so many edges found there more than half, or so many,
+have to lie near the fit. Asked where a side has fewer than so many on the fit: others show the taper's length."""
 
 
 def check_sides(needle: MeasuredTip, model: ProbeModel) -> NotFound | None:

@@ -19,8 +19,8 @@ from vision.tip.strip import (
     RIM_CLEARANCE_PX,
 )
 
-# A needle narrower than this share of its cylinder at the marking has no cylinder there: it tapers all along.
 TAPERED = 0.75
+"""A needle narrower than this share of its cylinder at the marking has no cylinder there: it tapers all along."""
 
 
 @dataclass(frozen=True, slots=True)

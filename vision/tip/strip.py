@@ -13,15 +13,16 @@ import numpy as np
 
 from vision.core import Floats, Plane, derivative
 
-# Rows between two calipers; the strip is averaged over as many rows plus one, so that neighbours hardly share noise.
 CALIPER_STEP_PX = 4
-# Clear of the end, of the rims' bow, and as far up the cylinder as the axis needs.
+"""Rows between two calipers; the strip is averaged over as many rows plus one, so that neighbours hardly share
+noise."""
 END_CLEARANCE_PX = 25
+"""Clear of the end, of the rims' bow, and as far up the cylinder as the axis needs."""
 RIM_CLEARANCE_PX = 22
 CYLINDER_LENGTH_PX = 130
 EDGE_SIGMA_PX = 0.8
-# Levels this far above black, as a share of the brightest, are compared by ratio: below lies noise.
 GROUND_SHARE, LEAST_GROUND = 0.05, 4.0
+"""Levels this far above black, as a share of the brightest, are compared by ratio: below lies noise."""
 _NEXT, _BESIDE = np.ones((1, 3), dtype=np.uint8), np.ones((1, 5), dtype=np.uint8)
 
 

@@ -20,20 +20,20 @@ from vision.tip.shade import dim_side, taught_shade_px
 from vision.tip.silhouette import Silhouette, caliper_rows
 from vision.tip.strip import NeedleShape, ProbeStrip, across_slope, middle, middle_profile, straighten
 
-# The needle comes into view from the upper left; teaching looks this far to either side of that direction.
 AXIS_HINT_RAD = float(np.arctan2(232.0, 119.0))
+"""The needle comes into view from the upper left; teaching looks this far to either side of that direction."""
 LENGTH_PX, BELOW_PX = 420, 30
 REACH_PX = 64
 WIDE_REACH_PX = 130
-# A hand on a screen hits the end within about a pixel; further off the axis, the click or the axis is wrong.
 CLICK_REACH_PX = 3.0
-# A row whose edge moved by this much more than its neighbours' was drawn away by something else.
+"""A hand on a screen hits the end within about a pixel; further off the axis, the click or the axis is wrong."""
 LONE_ROW_PX = 1.2
+"""A row whose edge moved by this much more than its neighbours' was drawn away by something else."""
 MOST_OFF_AXIS_PX = 0.5
-# Whether the left and the right edge are looked for by ratio (see `across_slope`).
 BY_LEVEL, BY_RATIO = (False, False), (True, True)
-# Edges found by level and by ratio lie about the same axis when no farther apart at either end.
+"""Whether the left and the right edge are looked for by ratio (see `across_slope`)."""
 SAME_AXIS_PX = 0.3
+"""Edges found by level and by ratio lie about the same axis when no farther apart at either end."""
 LEAST_RIM_STRENGTH, LEAST_RIM_AGREEMENT = 8.0, 0.5
 
 

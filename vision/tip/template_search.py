@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 from vision.core import Gray, Plane
 from vision.tip.probe_model import SEARCH_REACH_PX, TEMPLATE_HEIGHT_PX, TEMPLATE_WIDTH_PX, ProbeModel
 
-# The search runs on a quarter of the size: the edges find the needle to a hundredth of a pixel afterwards.
 SHRINK = 4
+"""The search runs on a quarter of the size: the edges find the needle to a hundredth of a pixel afterwards."""
 TURNS_DEG = (-2.0, 0.0, 2.0)
-# A busy background can look more like the template than the needle before it does: other places are kept in hand.
 MOST_MATCHES, WORSE = 3, 0.2
-# The border of the needle is left out as well: the lens mixes it with the ground, and the place is a guess.
+"""A busy background can look more like the template than the needle before it does: other places are kept in hand."""
 BORDER_PX = 2.0
-# Places closer than this, in shrunk pixels, are one and the same.
+"""The border of the needle is left out as well: the lens mixes it with the ground, and the place is a guess."""
 APART = 2
+"""Places closer than this, in shrunk pixels, are one and the same."""
 
 
 @dataclass(frozen=True, slots=True)
