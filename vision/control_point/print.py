@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from vision.control_point.proposals import LEAST_DEPTH
 from vision.control_point.strip import ArmStrip, axis_levels
-from vision.core import Fit, Floats, Plane, robust_fit, spread
+from vision.core import Fit, Floats, Plane, mad_sigma, robust_fit
 
 Flags = NDArray[np.bool_]
 Sides = tuple[bool, bool]
@@ -133,4 +133,4 @@ def _paper(lines: tuple[PrintedLine, PrintedLine], fitted: tuple[Fitted, Fitted]
         levels.append(one.strip.paper[one.used])
     place, level = np.concatenate(places), np.concatenate(levels)
     plane = np.asarray(np.linalg.lstsq(place, level, rcond=None)[0], dtype=np.float64)
-    return plane, spread(level - place @ plane, 0.5)
+    return plane, mad_sigma(level - place @ plane, 0.5)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision.control_point.proposals import WIDEST_ARM_PX
-from vision.core import Floats, Plane, derivative, middle, refine_peaks, robust_fit, sample, spread
+from vision.core import Floats, Plane, derivative, mad_sigma, quantile, refine_peaks, robust_fit, sample
 
 Flags = NDArray[np.bool_]
 NARROWEST_ARM_PX = 1.5
@@ -84,11 +84,11 @@ def rough_arms(raw: Plane, at: tuple[float, float], angles: tuple[float, ...], a
 
 
 def _rough(along: Floats, places: Floats, widths: Floats, strength: Floats) -> RoughArm | None:
-    good = (widths > NARROWEST_ARM_PX) & (strength > max(0.3 * middle(strength, 0.8), 2.0))
+    good = (widths > NARROWEST_ARM_PX) & (strength > max(0.3 * quantile(strength, 0.8), 2.0))
     least = max(0.3 * along.size, 6.0)
     if np.count_nonzero(good) < least:
         return None
-    typical = middle(widths[good])
+    typical = quantile(widths[good])
     good &= np.abs(widths - typical) < 1.5
     if np.count_nonzero(good) < least:
         return None
@@ -139,16 +139,16 @@ def measure_strip(raw: Plane, at: tuple[float, float], angle: float, width_px: f
     flank = (np.abs(across) >= width_px / 2.0 + FLANK_PX[0]) & (np.abs(across) <= width_px / 2.0 + FLANK_PX[1])
     paper = np.minimum(rows[:, flank & (across < 0)].mean(axis=1), rows[:, flank & (across > 0)].mean(axis=1))
     weakest = np.minimum(fall, rise)
-    good = weakest > max(LEAST_STRENGTH * middle(weakest, 0.7), 2.0)
+    good = weakest > max(LEAST_STRENGTH * quantile(weakest, 0.7), 2.0)
     if np.count_nonzero(good) < LEAST_STATIONS:
         return None
-    step = middle((paper - inside)[good], 0.6)
+    step = quantile((paper - inside)[good], 0.6)
     good &= paper - inside > LEAST_STEP * step
     widths = right - left
     if np.count_nonzero(good) < LEAST_STATIONS:
         return None
-    typical = middle(widths[good])
-    slack = max(3.0 * spread(widths[good] - typical, 0.05), WIDTH_SLACK_PX)
+    typical = quantile(widths[good])
+    slack = max(3.0 * mad_sigma(widths[good] - typical, 0.05), WIDTH_SLACK_PX)
     good &= np.abs(widths - typical) < min(slack, 1.5)
     if np.count_nonzero(good) < LEAST_STATIONS:
         return None

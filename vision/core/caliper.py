@@ -122,16 +122,16 @@ def tukey(residual: Floats, scale: float) -> Floats:
     return np.asarray(np.square(np.maximum(1.0 - np.square(residual / (TUKEY_REACH * scale)), 0.0)), dtype=np.float64)
 
 
-def middle(values: Floats | Plane | Gray, share: float = 0.5) -> float:
+def quantile(values: Floats | Plane | Gray, share: float = 0.5) -> float:
     """Return the value that `share` (0..1) of `values` lie below: a median or quantile without interpolation."""
     at = int(share * (values.size - 1))
     return float(np.partition(values, at, axis=None)[at])
 
 
-def spread(residual: Floats, floor: float) -> float:
+def mad_sigma(residual: Floats, floor: float) -> float:
     """Return a robust standard deviation (1.4826 times the median absolute value), at least `floor`."""
-    middle = residual.size // 2
-    return max(1.4826 * float(np.partition(np.abs(residual), middle)[middle]), floor) if residual.size else floor
+    rank = residual.size // 2
+    return max(1.4826 * float(np.partition(np.abs(residual), rank)[rank]), floor) if residual.size else floor
 
 
 def solve_normal(normal: Floats, right: Floats) -> Floats:
@@ -184,7 +184,7 @@ def robust_fit(
         parameters = solve_normal(normal, weighted @ target)
         residual = target - design @ parameters
         kept = residual[weights > 0.1]
-        scale = spread(kept if kept.size > size else residual, floor)
+        scale = mad_sigma(kept if kept.size > size else residual, floor)
         scale = max(min(scale, ceiling * (rounds - turn)), floor)
         weights = tukey(residual, scale)
     return Fit(parameters, np.asarray(np.linalg.inv(normal) * scale**2), weights, scale)

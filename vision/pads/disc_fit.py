@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.core import Contour, Floats, Plane, View, middle, solve_normal, spread, tukey
+from vision.core import Contour, Floats, Plane, View, mad_sigma, quantile, solve_normal, tukey
 
 Flags = NDArray[np.bool_]
 EDGE_PX = 3.0
@@ -179,11 +179,11 @@ def _start(pixels: _Pixels, disc: Contour, hole: Contour | None) -> Floats | Non
         inside &= from_hole > 0.8
     if np.count_nonzero(inside) < 6 or np.count_nonzero(outside) < 6:
         return None
-    level, floor = middle(pixels.level[inside]), middle(pixels.level[outside])
+    level, floor = quantile(pixels.level[inside]), quantile(pixels.level[outside])
     if hole is not None:
         if not in_hole.any():
             return None
-        hole_step = level - middle(pixels.level[in_hole])
+        hole_step = level - quantile(pixels.level[in_hole])
     start = np.zeros(SIZE + (HOLE_SIZE if hole else 0))
     start[[FLOOR, STEP, BLUR]] = floor, level - floor, START_BLUR_PX
     start[RADIUS:SIZE] = disc.radius_px, 0.0, 0.0, disc.cos2_px, disc.sin2_px
@@ -252,7 +252,7 @@ def _iterate(pixels: _Pixels, start: Floats, view: View) -> tuple[Floats, Floats
     for turn in range(ROUNDS):
         design, model = _linearise(pixels, state)
         residual = pixels.level - model
-        noise = spread(residual, LEAST_NOISE)
+        noise = mad_sigma(residual, LEAST_NOISE)
         # The first model is a rough one: what it does not explain need not be dirt.
         weights = tukey(residual, noise * (1.0 if turn else 1.5))
         weighted = design * weights

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vision.core import CircleFit, Contour, Edgels, middle
+from vision.core import CircleFit, Contour, Edgels, quantile
 from vision.pads.disc_fit import DiscFit, measure_disc
 from vision.pads.hole import DIP_RADIUS_PX, find_hole, is_ring
 from vision.pads.neck import neck_width
@@ -36,8 +36,8 @@ def describe_disc(window: Window, edgels: Edgels, circle: CircleFit) -> SeenObje
     if np.count_nonzero(clear & inside) < LEAST_CLEAR * np.count_nonzero(inside):
         clear = patch.free
     disc, ring = patch.level[inside & clear], patch.level[around & clear]
-    level = middle(disc, 0.65) if disc.size else 0.0
-    floor = middle(ring, 0.4) if ring.size else window.board_level
+    level = quantile(disc, 0.65) if disc.size else 0.0
+    floor = quantile(ring, 0.4) if ring.size else window.board_level
     idea, hole, measured = None, None, None
     if level > floor and _may_be_a_pad(circle):
         idea = find_hole(window, edgels, circle, patch, level - floor, level)

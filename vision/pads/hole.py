@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vision.core import CircleFit, Contour, Edgels, components, fit_circle, middle
+from vision.core import CircleFit, Contour, Edgels, components, fit_circle, quantile
 from vision.pads.patch import Patch
 from vision.pads.window import Window
 
@@ -53,7 +53,7 @@ def is_ring(circle: CircleFit, patch: Patch, hole: Contour | None, floor: float,
     if hole is None or circle.radius_px < DIP_RADIUS_PX or hole.radius_px < RING_SHARE * circle.radius_px:
         return False
     within = patch.free & (patch.distance_px(hole.x_px, hole.y_px) < 0.7 * hole.radius_px)
-    return bool(within.any()) and abs(middle(patch.level[within]) - floor) < RING_LIKENESS * step
+    return bool(within.any()) and abs(quantile(patch.level[within]) - floor) < RING_LIKENESS * step
 
 
 def _hole_rim(window: Window, edgels: Edgels, idea: Contour) -> Contour | None:
@@ -81,7 +81,7 @@ def _dip(circle: CircleFit, patch: Patch, step: float) -> Contour | None:
     middle_part, ring = patch.free & (patch.rho < 0.45), patch.free & (patch.rho > 0.4) & (patch.rho < 0.75)
     if np.count_nonzero(middle_part) < 5 or np.count_nonzero(ring) < 8:
         return None
-    crest = middle(patch.level[ring], 0.7)
+    crest = quantile(patch.level[ring], 0.7)
     depth = np.where(middle_part, np.clip(crest - patch.level, 0.0, None), 0.0)
     if float(depth[middle_part].mean()) < DIP_SHARE * step:
         return None

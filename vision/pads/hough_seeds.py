@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.core import Edgels, View, middle
+from vision.core import Edgels, View, quantile
 
 LEAST_VOTE, LEAST_SHARE = 0.22, 0.38
 """Share of a whole contour that must vote for a place before it is looked at, and that must then lie on one circle."""
@@ -118,7 +118,7 @@ class _Board:
             near = np.abs(radius - centre) < 1.5 + 0.06 * centre
             sectors = min(max(int(2.5 * centre), 12), 48)
             seen = np.unique(np.floor(angle[near] * (sectors / (2.0 * np.pi)))).size
-            found.append((middle(radius[near]) if seen else centre, min(seen / sectors, 1.0)))
+            found.append((quantile(radius[near]) if seen else centre, min(seen / sectors, 1.0)))
             shown[max(int(0.8 * best) - 1, 0) : int(1.25 * best) + 2] = 0.0
             best = int(np.argmax(shown))
         return found

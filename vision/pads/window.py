@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.core import Gray, Plane, View, despike, median, middle
+from vision.core import Gray, Plane, View, despike, median, quantile
 
 Flags = NDArray[np.bool_]
 
@@ -50,7 +50,7 @@ def open_window(plane: Gray, corner: tuple[int, int], around_px: tuple[float, fl
     smooth = median(clean, 3)
     around = around_px[0] - corner[0], around_px[1] - corner[1]
     nothing = np.zeros(clean.shape, dtype=np.bool_)
-    board = middle(smooth, 0.25)
+    board = quantile(smooth, 0.25)
     return Window(
         clean=clean,
         raw=clean.astype(np.float32),
@@ -73,4 +73,4 @@ def hide(window: Window, outline: NDArray[np.float64], *, certain: bool) -> Wind
     if not certain:
         return replace(window, maybe_hidden=covered)
     seen = window.smooth[~covered]
-    return replace(window, hidden=covered, board_level=middle(seen, 0.25) if seen.size else 0.0)
+    return replace(window, hidden=covered, board_level=quantile(seen, 0.25) if seen.size else 0.0)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from vision.core import Floats, Plane
 from vision.tip.edges import EdgePoints
 from vision.tip.silhouette import Silhouette
-from vision.tip.strip import ProbeStrip, middle
+from vision.tip.strip import ProbeStrip, upper_median
 
 INSIDE_PX, FURTHER_PX = 4, 2
 """How far inside the edge the metal's own slope is read, clear of the blurred step, and how much further once more: a
@@ -56,8 +56,8 @@ def corrected(strip: ProbeStrip, slope: Plane, points: EdgePoints, line: tuple[f
         side = points.side[wide]
         at = np.rint(points.v_px[wide] - side * INSIDE_PX).astype(np.intp) + strip.reach_px
         further = at - np.rint(side * FURTHER_PX).astype(np.intp)
-        growth = _growth(*(middle(-side * half[wide] * slope[rows[wide], column]) for column in (at, further)))
-        metal = middle(strip.pixels[rows[wide], at])
+        growth = _growth(*(upper_median(-side * half[wide] * slope[rows[wide], column]) for column in (at, further)))
+        metal = upper_median(strip.pixels[rows[wide], at])
         before_dark = (1.0 - TAUGHT_GROUND) * max(metal, 1.0)
         shift[own] = growth / half[own] * BLUR_PX**2 * (STEEPEST / points.strength[own] + 1.0 / before_dark)
     shift = np.clip(shift, -MOST_SHIFT_PX, MOST_SHIFT_PX)
@@ -111,6 +111,6 @@ def _blind(
         near = strip.pixels[rows[:, None], columns[:, None] + np.arange(-1, 2)]
         return np.asarray(near.mean(axis=1), dtype=np.float32)
 
-    metal = middle(levels(-float(INSIDE_PX))[inside & ~outline.on_taper])
+    metal = upper_median(levels(-float(INSIDE_PX))[inside & ~outline.on_taper])
     same = np.abs(levels(OUTSIDE_PX) - metal) < SAME_LEVEL * metal
     return np.asarray(inside & same, dtype=np.bool_), metal

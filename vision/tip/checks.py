@@ -11,7 +11,7 @@ from vision.tip.measure import MeasuredTip
 from vision.tip.probe_model import ProbeModel
 from vision.tip.shade import shade_px
 from vision.tip.side_checks import check_sides
-from vision.tip.strip import middle
+from vision.tip.strip import upper_median
 from vision.tip.verdicts import blurred, no_marking, wrong
 
 LEAST_SUPPORT = 0.5
@@ -174,13 +174,13 @@ def metal_beyond(needle: MeasuredTip, model: ProbeModel) -> float:
         grown = edge + wider * np.where(outline.on_taper, axis.taper_wider_px, axis.cylinder_wider_px)
         shares, levels = [], []
         for part in (taper, cylinder):
-            inside = middle(_levels(needle, outline.u_px[part], grown[part] - 3.0 * side))
+            inside = upper_median(_levels(needle, outline.u_px[part], grown[part] - 3.0 * side))
             outside = _levels(needle, outline.u_px[part], grown[part] + 4.0 * side)
             bright = int(np.count_nonzero(outside > 0.75 * min(inside, needle.metal)))
             shares.append(bright / max(outside.size, 1))
-            levels.append(middle(outside))
+            levels.append(upper_median(outside))
         marked = np.arange(needle.rim1_u_px + 8.0, needle.rim2.u_px - 8.0, 2.0)
-        beside = middle(_levels(needle, marked, np.full(marked.size, side * (half_px + 4.0))))
+        beside = upper_median(_levels(needle, marked, np.full(marked.size, side * (half_px + 4.0))))
         if beside > SAME_GROUND * min(levels):
             continue
         goes_on = beside < needle.dark + 0.25 * (needle.metal - needle.dark)
@@ -229,4 +229,4 @@ def _taper_wider(points: EdgePoints, beyond_px: Floats, own: NDArray[np.bool_]) 
     parts = [own & (points.on_taper == on_taper) for on_taper in (True, False)]
     if min(int(np.count_nonzero(part)) for part in parts) < LEAST_SIDE_POINTS:
         return None
-    return middle(beyond_px[parts[0]]) - middle(beyond_px[parts[1]])
+    return upper_median(beyond_px[parts[0]]) - upper_median(beyond_px[parts[1]])

@@ -11,7 +11,7 @@ import numpy as np
 
 from vision.core import Floats, Plane
 from vision.tip.silhouette import Silhouette
-from vision.tip.strip import ProbeStrip, edge_maps, middle
+from vision.tip.strip import ProbeStrip, edge_maps, upper_median
 
 SHIFTS_PX: Floats = np.arange(-12.0, 12.1)
 TILTS: Floats = np.tan(np.radians(np.arange(-2.5, 2.51, 0.5)))
@@ -65,4 +65,4 @@ def _least_slope(slope: Plane, strip: ProbeStrip, outline: Silhouette) -> float:
     if not outline.dim_side:
         return strip.edge_level
     steepest = np.max(outline.dim_side * slope, axis=1)
-    return max(strip.edge_level, LEAST_OF_STEEPEST * middle(steepest))
+    return max(strip.edge_level, LEAST_OF_STEEPEST * upper_median(steepest))

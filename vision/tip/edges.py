@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.core import Floats, Plane, refine_peaks, spread, tukey
+from vision.core import Floats, Plane, mad_sigma, refine_peaks, tukey
 from vision.tip.silhouette import Silhouette
 from vision.tip.strip import ProbeStrip
 
@@ -193,7 +193,7 @@ def _robust(design: Floats, target: Floats, pull: Floats, weights: Floats) -> _F
         before, parameters = parameters, np.linalg.solve(normal, weighted @ target)
         residual = target - design @ parameters
         kept = residual[weights > 0.1]
-        scale = spread(kept if kept.size > size else residual, SCALE_FLOOR_PX)
+        scale = mad_sigma(kept if kept.size > size else residual, SCALE_FLOOR_PX)
         scale = max(min(scale, SCALE_CEILING_PX * max(6 - turn, 1)), SCALE_FLOOR_PX)
         weights = tukey(residual, scale)
         if turn >= 5 or (turn >= 2 and np.max(np.abs(parameters - before)) < 0.01):

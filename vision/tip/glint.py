@@ -15,7 +15,7 @@ from vision.core import Floats
 from vision.tip.marking_rim import join_rim, rim_places
 from vision.tip.measure import RIM1_REACH_PX, MeasuredTip
 from vision.tip.probe_model import ProbeModel
-from vision.tip.strip import middle
+from vision.tip.strip import upper_median
 
 SPARED_PX = 2.0
 """A column is spared when its two rims are as far apart as taught, but for how ragged they are."""
@@ -40,9 +40,11 @@ def without_glint(needle: MeasuredTip, model: ProbeModel) -> MeasuredTip | None:
         return None
     half = model.outline.rim_half_px(-model.h_px)
     rim2 = join_rim(columns[spared], half, u2[spared], strength2[spared], form[spared])
-    rim1_u = middle((u1 - form)[spared])
+    rim1_u = upper_median((u1 - form)[spared])
     metal, dark = _spared_levels(needle, columns, rim1_u, rim2.u_px)
-    return replace(needle, rim1_u_px=rim1_u, rim1_strength=middle(strength1[spared]), rim2=rim2, metal=metal, dark=dark)
+    return replace(
+        needle, rim1_u_px=rim1_u, rim1_strength=upper_median(strength1[spared]), rim2=rim2, metal=metal, dark=dark
+    )
 
 
 def _spared_levels(

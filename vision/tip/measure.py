@@ -14,7 +14,7 @@ from vision.tip.edges import EdgePoints, ProbeAxis, edge_points, fit_axis
 from vision.tip.marking_rim import Rim, join_rim, marking_levels, rim_places
 from vision.tip.orientation import Turn, taper_turn
 from vision.tip.probe_model import ProbeModel
-from vision.tip.strip import NeedleShape, ProbeStrip, across_slope, around, middle, middle_profile
+from vision.tip.strip import NeedleShape, ProbeStrip, across_slope, around, middle_profile, upper_median
 from vision.tip.template_search import TemplateMatch
 
 SPARE_PX = 16
@@ -155,7 +155,7 @@ def _with_rims(
     inner = columns[np.abs(columns) <= 5]
     at1 = np.full(inner.size, rim2.u_px - model.shape.marking_px)
     u1, strength1 = rim_places(strip, line, inner, at1, RIM1_REACH_PX, -1.0)
-    rim1_u = middle(u1)
+    rim1_u = upper_median(u1)
     metal, dark = marking_levels(strip, line, rim1_u, rim2.u_px)
     turn = taper_turn(strip, slope, model.outline, axis, -model.h_px)
     return MeasuredTip(
@@ -166,7 +166,7 @@ def _with_rims(
         free=free,
         turn=turn,
         rim1_u_px=rim1_u,
-        rim1_strength=middle(strength1),
+        rim1_strength=upper_median(strength1),
         rim2=rim2,
         metal=metal,
         dark=dark,

@@ -8,7 +8,7 @@ from vision.core import NotFound
 from vision.tip.edges import fit_axis
 from vision.tip.measure import MeasuredTip
 from vision.tip.probe_model import ProbeModel
-from vision.tip.strip import middle
+from vision.tip.strip import upper_median
 from vision.tip.verdicts import wrong
 
 LEAST_FOUND, LEAST_AGREEMENT, MOST_OFF_PX = 10, 0.3, 0.75
@@ -39,7 +39,7 @@ def check_sides(needle: MeasuredTip, model: ProbeModel) -> NotFound | None:
     for side in (-1.0, 1.0):
         own = points.on_taper & (points.side == side)
         found, used = int(np.count_nonzero(own)), int(np.count_nonzero(own & (axis.weights > 0.3)))
-        if found >= LEAST_FOUND and used < LEAST_AGREEMENT * found and abs(middle(beyond[own])) > MOST_OFF_PX:
+        if found >= LEAST_FOUND and used < LEAST_AGREEMENT * found and abs(upper_median(beyond[own])) > MOST_OFF_PX:
             return wrong(f"only {used} of {found} edges on one side of the taper lie on the taught silhouette")
         least_used = min(least_used, used)
     thin = points.on_taper & (points.u_px > -model.h_px / 2.0)

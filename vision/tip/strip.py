@@ -108,8 +108,8 @@ def quantiles(values: Plane, low: float, high: float) -> tuple[float, float]:
     return float(ordered[at_low]), float(ordered[at_high])
 
 
-def middle(values: Floats | Plane) -> float:
-    """Return the middle value (the upper one of two), several times faster than numpy's median on short arrays.
+def upper_median(values: Floats | Plane) -> float:
+    """Return the median (the upper of two middle values), several times faster than numpy's median on short arrays.
 
     NaN for none at all: whatever it is compared with, nothing is concluded from it.
     """

@@ -18,7 +18,7 @@ from vision.tip.marking_rim import join_rim, marking_levels, rim_columns, rim_pl
 from vision.tip.outline import RoughOutline, rough_needle
 from vision.tip.shade import dim_side, taught_shade_px
 from vision.tip.silhouette import Silhouette, caliper_rows
-from vision.tip.strip import NeedleShape, ProbeStrip, across_slope, middle, middle_profile, straighten
+from vision.tip.strip import NeedleShape, ProbeStrip, across_slope, middle_profile, straighten, upper_median
 
 AXIS_HINT_RAD = float(np.arctan2(232.0, 119.0))
 """The needle comes into view from the upper left; teaching looks this far to either side of that direction."""
@@ -175,7 +175,7 @@ def _conclude(strip: ProbeStrip, rough: RoughOutline, outline: Silhouette, click
 def _check_end(strip: ProbeStrip, end_u_px: float) -> None:
     """Raise ValueError unless the metal ends near the given point."""
     values, at = middle_profile(strip, (0.0, 0.0), 1), round(end_u_px) - strip.u_from_px
-    metal, beyond = middle(values[at - 16 : at - 6]), middle(values[at + 6 : at + 16])
+    metal, beyond = upper_median(values[at - 16 : at - 6]), upper_median(values[at + 6 : at + 16])
     if metal < 1.15 * beyond + 6.0:
         raise ValueError(
             f"the needle does not end at the given point: it is as bright beyond ({beyond:.0f} of 255) as before it "
@@ -192,8 +192,8 @@ def _rims(strip: ProbeStrip, rough: RoughOutline, outline: Silhouette) -> tuple[
     rim2 = join_rim(columns, half, u2, strength2, form)
     around = np.full(columns.size, rough.rim1_u_px)
     u1, strength1 = rim_places(strip, (0.0, 0.0), columns, around, 9, -1.0)
-    rim1 = middle(u1[np.abs(columns) <= 4])
-    faint = min(rim2.strength, middle(strength1))
+    rim1 = upper_median(u1[np.abs(columns) <= 4])
+    faint = min(rim2.strength, upper_median(strength1))
     if faint < LEAST_RIM_STRENGTH or rim2.agreement < LEAST_RIM_AGREEMENT:
         raise ValueError(
             "the rims of the black marking are too faint or ragged to teach (strength "
@@ -205,8 +205,8 @@ def _rims(strip: ProbeStrip, rough: RoughOutline, outline: Silhouette) -> tuple[
 def _smooth_form(columns: NDArray[np.intp], u_px: Floats) -> Floats:
     """Return the rim's form over the columns, 0 at the axis: wild columns replaced, its centre averaged."""
     bow = np.stack([np.ones(columns.size), columns, columns**2.0], axis=1)
-    fit = robust_fit(bow, u_px - middle(u_px))
-    smooth = bow @ fit.parameters + middle(u_px)
+    fit = robust_fit(bow, u_px - upper_median(u_px))
+    smooth = bow @ fit.parameters + upper_median(u_px)
     form = np.where(np.abs(u_px - smooth) < 3.0, u_px, smooth)
     return np.asarray(form - float(np.mean(form[np.abs(columns) <= 3])), dtype=np.float64)
 
