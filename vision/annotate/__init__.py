@@ -1,4 +1,4 @@
-"""Pictures for people: what was seen, drawn over the frame."""
+"""Images for people: what was seen, drawn over it."""
 
 from vision.annotate.draw import (
     Searched,

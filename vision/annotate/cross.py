@@ -16,7 +16,7 @@ LEGEND = ((ANSWER, "centre"), (USED, "arms"), (FRAME, "where the centre may lie"
 def cross_panel(
     white_bgr: Bgr, found: ControlPoint | NotFound, around_px: tuple[float, float], reach_px: float, arm_px: float
 ) -> PagePanel:
-    """Return the panel of a white frame that was searched for a control point."""
+    """Return the panel of a white image that was searched for a control point."""
     half = int(reach_px + arm_px) + MARGIN_PX
     area = round(around_px[0]) - half, round(around_px[1]) - half, 2 * half + 1, 2 * half + 1
     part, how = brightened(crop(check_bgr(white_bgr), area))

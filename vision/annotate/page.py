@@ -24,7 +24,7 @@ BAD: Colour = (48, 44, 132)
 
 @dataclass(frozen=True, slots=True)
 class PagePanel:
-    """Hold one finished picture with its title, its numbers, and what its colours mean."""
+    """Hold one finished image with its title, its numbers, and what its colours mean."""
 
     title: str
     pixels: Bgr

@@ -144,7 +144,7 @@ def _fit(raw: Plane, at: Point, line: PrintedLine, arm_px: float) -> Fitted | No
         return None
     used = strip.good & _unbroken(strip.along, strip.good, LONGEST_GAP * arm_px)
     ways = [used & (strip.along * way > 0.0) for way in (1.0, -1.0)]
-    # A few stations on one side are chance: the needle's edges, or a letter beside.
+    # A few stations on one side are chance: the probe's edges, or a letter beside.
     used = np.any([mine for mine in ways if np.count_nonzero(mine) >= LEAST_ARM * arm_px] or [used & False], axis=0)
     longest = max(np.count_nonzero(mine) for mine in ways)
     if longest < LEAST_LENGTH * arm_px or np.abs(strip.along[used]).max() < LEAST_END * arm_px:

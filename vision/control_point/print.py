@@ -23,7 +23,7 @@ EXPECTED = (0.15, 0.85)
 LARGEST_WIDTH_RATIO, LARGEST_STEP_RATIO = 1.3, 1.45
 """Widths differ by foreshortening (cos 33 deg and some scatter), darkness by the fall-off of light."""
 LARGEST_TAPER = 0.03
-"""A needle widens by a tenth and more."""
+"""A probe widens by a tenth and more."""
 TAPER_STATIONS = 25
 """A taper shows on no fewer stations."""
 LARGEST_SCATTER_PX = 0.6

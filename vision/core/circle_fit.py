@@ -2,7 +2,7 @@
 
 The camera looks obliquely, so a circle on the board is an ellipse. All radii here are semi-major; angles go round in
 the plane of the board, so that an undistorted pad is a constant radius plus a small second harmonic. What is taken is
-afterwards measured on the pixels themselves (`disc`).
+afterwards measured on the pixels themselves (`pads.disc_fit`).
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Contour:
     sin2_px: float = 0.0
 
     def ellipse(self, view: View) -> tuple[float, float, float]:
-        """Return (semi-major px, minor over major, direction of the minor axis in rad) in the picture."""
+        """Return (semi-major px, minor over major, direction of the minor axis in rad) in the image."""
         size, turn = math.hypot(self.cos2_px, self.sin2_px), 0.5 * math.atan2(self.sin2_px, self.cos2_px)
         c, s = math.cos(turn), math.sin(turn)
         one, other = self.radius_px + size, self.radius_px - size
@@ -104,8 +104,8 @@ def fit_circle(
 ) -> CircleFit | None:
     """Fit an ellipse to the edge points near a seed; None when too few lie on one.
 
-    shape: (H, W) of the picture. reach_px: how far from the seed edges are looked for at first. hidden: (H, W) bool,
-    what the needle covers. maybe_hidden: where something may stand in front: contour without an edge there does not
+    shape: (H, W) of the image. reach_px: how far from the seed edges are looked for at first. hidden: (H, W) bool,
+    what the probe covers. maybe_hidden: where something may stand in front: contour without an edge there does not
     count as visible. A size of zero means nothing is hidden.
     """
     contour, sigma = seed, 0.0

@@ -1,4 +1,4 @@
-"""Cut a picture into brightness classes (Otsu, two or more) and connected objects."""
+"""Cut an image into brightness classes (Otsu, two or more) and connected objects."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ MAX_CONDITION = 500.0
 """Of the Jacobian, its columns at unit length: 1 to 60 for models worth the name, hundreds where they are nearly a
 line."""
 STEP_PX, STEP_SHARE = 1e-6, 1e-7
-"""Converged: the next full step would move no point's picture further than this plus this share of the root of E. Much
+"""Converged: the next full step would move no point's image further than this plus this share of the root of E. Much
 below, E no longer shows in double precision whether a step went down."""
 MAX_ITERATIONS, MAX_DAMPING = 200, 1e12
 DIFFERENT_DEG, EQUAL_SIGMA2 = 0.01, 9.0
@@ -107,7 +107,7 @@ def fit_extrinsics(
     sigma_px: float | None = None,
     start: Extrinsics | None = None,
 ) -> ExtrinsicsFit:
-    """Find the extrinsics that show the model's points at the pixels seen (appendix A: least squares in the picture).
+    """Find the extrinsics that show the model's points at the pixels seen (appendix A: least squares in the image).
 
     points_um (N, 3) in the world, points_px (N, 2) in the same order. At least 4 points if they are flat (relief below
     a tenth of their extent), else 6. sigma_px: noise of one coordinate, if known; else the residuals tell it, which few
@@ -273,7 +273,7 @@ def _best(task: _Task, begin: list[_Pose]) -> _Pose:
 def _check_tilt(task: _Task, best: _Pose, variance: float) -> _Pose:
     """Return the better of the two tilts of a flat model, or refuse if both fit equally well.
 
-    From afar, mirroring the model in the plane across the line of sight changes little in the picture; a flat model
+    From afar, mirroring the model in the plane across the line of sight changes little in the image; a flat model
     can be turned into its mirror image.
     """
     sight, flat_axis = best.c / np.linalg.norm(best.c), task.axes[2]

@@ -1,16 +1,16 @@
 """The thesis' own map from the image to the robot: an array of (d_im, omega) -> (d_w, gamma), eq. 6.3..6.6.
 
-For each head angle of the calibration a row; for each of some directions omega in the picture a column. An element
+For each head angle of the calibration a row; for each of some directions omega in the image a column. An element
 keeps what one pixel in that direction is in um (distances are taken in proportion) and the direction gamma in which the
 head has to go. What lies between is interpolated bilinearly, in theta and omega: the distance as it stands, the
 direction on the circle, kept relative to the head so that theta turns it between the rows.
 
 Angles. The thesis prints omega = arctan(x_e / x_g) (eq. 6.5); its table 6.2 shows what was computed: atan(dx / dy) of
 d = x_e - x_g, which cannot tell a direction from its opposite. Here omega = atan2(dx, dy) of the way from the place
-below the tip to the target, full circle: 0 is down in the picture, 90 deg is right, so that it grows counter-clockwise
+below the tip to the target, full circle: 0 is down in the image, 90 deg is right, so that it grows counter-clockwise
 as gamma does and gamma - omega is nearly constant, as in the table (pi / 2). gamma is atan2(dy, dx) in the robot frame.
 
-It knows nothing of perspective, and where it has few rows or columns it knows little; `posemap` beside it is what the
+It knows nothing of perspective, and where it has few rows or columns it knows little; `pose_map` beside it is what the
 station uses. Both stand behind `ImageMap`.
 """
 
@@ -39,7 +39,7 @@ NEAREST_PX = 1.0
 
 
 def direction_deg(away_px: Array) -> Any:
-    """Return omega, -180..180, of ways (2,) or (N, 2) in the picture; a number or (N,)."""
+    """Return omega, -180..180, of ways (2,) or (N, 2) in the image; a number or (N,)."""
     return np.degrees(np.arctan2(away_px[..., 0], away_px[..., 1]))
 
 
@@ -65,7 +65,7 @@ class PolarMap:
     work_z_um: float
 
     def below_px(self, height_um: float = 0.0) -> tuple[float, float]:
-        """Return the vector from the tip's picture to the place below it on a surface `height_um` above the nominal."""
+        """Return the vector from the tip's image to the place below it on a surface `height_um` above the nominal."""
         share = 1.0 - height_um / self.hover_um
         return self.below_tip_px[0] * share, self.below_tip_px[1] * share
 
@@ -207,7 +207,7 @@ def _polar(away_px: Array, place_um: Array, theta_deg: float) -> _Angle:
     design = np.c_[np.ones(len(d_px)), away_px]
     pull = np.linalg.pinv(design * np.sqrt(weight)[:, None]) * np.sqrt(weight)
     affine = pull @ place_um
-    # The picture's y points down: a camera that is not flipped has a negative determinant, as omega goes with gamma.
+    # The image's y points down: a camera that is not flipped has a negative determinant, as omega goes with gamma.
     hand = 1.0 if np.linalg.det(affine[1:]) < 0.0 else -1.0
     clear = d_px >= NEAREST_PX
     _enough(int(clear.sum()), theta_deg)

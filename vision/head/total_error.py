@@ -6,7 +6,7 @@ the end. Eq. 6.9 says "more specifically" over which angles (the forbidden ones 
 distances under the root, whose unit would be the root of a micrometre: the square is missing. So both are one number,
 `total_um`. It grows with the number of angles, so `rms_um` stands beside it: only that may be compared between
 calibrations, and only that is worth a threshold. The thesis does not say what x_R is; take a perfect circle's
-positions to judge the mechanics, or an earlier calibration's to see drift (`head_fit.head_positions_um`).
+positions to judge the mechanics, or an earlier calibration's to see drift (`head_positions_um`).
 """
 
 from __future__ import annotations

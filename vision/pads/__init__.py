@@ -1,12 +1,12 @@
-"""TDEA: test points in the red frame."""
+"""TDEA: test points in the red image."""
 
-from vision.pads.find import NEEDLE_MARGIN_PX, Seen, TestPoint, find_test_points
-from vision.pads.occlusion import needle_hides
+from vision.pads.find import PROBE_MARGIN_PX, Seen, TestPoint, find_test_points
+from vision.pads.occlusion import probe_hides
 from vision.pads.rule_name import RuleName
 from vision.pads.rules import RULES, Decided, Hole, SeenObject, Verdict
 
 __all__ = [
-    "NEEDLE_MARGIN_PX",
+    "PROBE_MARGIN_PX",
     "RULES",
     "Decided",
     "Hole",
@@ -16,5 +16,5 @@ __all__ = [
     "TestPoint",
     "Verdict",
     "find_test_points",
-    "needle_hides",
+    "probe_hides",
 ]

@@ -1,7 +1,7 @@
 """Measure a disc, with or without a hole, on its pixels: the efficient estimate.
 
-The model is the picture itself: levels inside and outside that may slope, one blur, one ellipse a disc. Gauss-Newton on
-the pixels within a few px of the edges, weighted robustly, so that a trace, a needle, dirt or a neighbour drop out. On
+The model is the image itself: levels inside and outside that may slope, one blur, one ellipse a disc. Gauss-Newton on
+the pixels within a few px of the edges, weighted robustly, so that a trace, a probe, dirt or a neighbour drop out. On
 white noise it comes within 1.0..1.5 times the Cramer-Rao bound (tests/bench/vision): it must also find the levels.
 """
 
@@ -62,7 +62,7 @@ class DiscFit:
 
 @dataclass(frozen=True, slots=True)
 class _Pixels:
-    """The chosen pixels: flattened offsets (u, v) from the picture's (x0, y0), and brightness, each (N,)."""
+    """The chosen pixels: flattened offsets (u, v) from the image's (x0, y0), and brightness, each (N,)."""
 
     u: Floats
     v: Floats
@@ -98,8 +98,8 @@ def measure_disc(
     residual = pixels.level - _linearise(pixels, state)[1]
     contour, bore = _contours(state)
     return DiscFit(
-        contour=_in_picture(contour, disc, view),
-        hole=None if bore is None else _in_picture(bore, disc, view),
+        contour=_in_image(contour, disc, view),
+        hole=None if bore is None else _in_image(bore, disc, view),
         sigma_px=_sigma(covariance[RADIUS + 1 : RADIUS + 3, RADIUS + 1 : RADIUS + 3], view),
         hole_sigma_px=0.0 if bore is None else _sigma(covariance[SIZE + 2 :, SIZE + 2 :], view),
         step=float(state[STEP]),
@@ -111,13 +111,13 @@ def measure_disc(
     )
 
 
-def _in_picture(contour: Contour, disc: Contour, view: View) -> Contour:
+def _in_image(contour: Contour, disc: Contour, view: View) -> Contour:
     at = view.unflattening() @ np.array([contour.x_px, contour.y_px])
     return replace(contour, x_px=disc.x_px + float(at[0]), y_px=disc.y_px + float(at[1]))
 
 
 def _sigma(covariance: Floats, view: View) -> float:
-    """Return the 1-sigma of each picture coordinate of a centre known to `covariance` (2, 2) in flattened px."""
+    """Return the 1-sigma of each image coordinate of a centre known to `covariance` (2, 2) in flattened px."""
     linear = view.unflattening()
     variance = float(np.trace(linear @ covariance @ linear.T)) / 2.0
     return float(np.sqrt(max(variance, 0.0) + SYSTEMATIC_SIGMA_PX**2))

@@ -1,4 +1,4 @@
-"""TDEA: find the test points near the tip in a red-lit picture, by taking and throwing (thesis 5.4).
+"""TDEA: find the test points near the tip in a red-lit image, by taking and throwing (thesis 5.4).
 
 Circles are proposed, measured on raw pixels and run through the rules together with everything else that is bright.
 What is taken is a test point, what is thrown is not, and an undecided object near the tip is a fault, never a guess.
@@ -26,8 +26,8 @@ from vision.core import (
     find_edgels,
     red_signal,
 )
-from vision.pads.occluding_needle import LEAST_SLOPE as NEEDLE_SLOPE
-from vision.pads.occluding_needle import find_needle
+from vision.pads.occluding_probe import LEAST_SLOPE as PROBE_SLOPE
+from vision.pads.occluding_probe import find_probe
 from vision.pads.other_candidates import other_objects
 from vision.pads.round_candidates import round_objects
 from vision.pads.rule_name import RuleName
@@ -50,7 +50,7 @@ from vision.pads.rules import (
     is_via,
 )
 from vision.pads.window import Window, hide, open_window
-from vision.tip import Tip, needle_outline
+from vision.tip import Tip, probe_outline
 
 MARGIN_PX = 8
 """Room beside the largest pad for its edge and surroundings."""
@@ -58,12 +58,12 @@ AMBIGUOUS_PX = 3.0
 """Two candidates whose distances to the tip differ by less than this cannot be told apart by distance."""
 LIKE_SIZE = 0.75
 """Of two round things the smaller is compared with the other down to this share of its diameter."""
-NEEDLE_MARGIN_PX = 1.8
-"""The needle's outline is trusted to this: its silhouette, its blur, and what it reflects onto."""
-SEEN_NEEDLE_MARGIN_PX = 1.3
-"""The same of a needle that was found in the red picture itself."""
+PROBE_MARGIN_PX = 1.8
+"""The probe's outline is trusted to this: its silhouette, its blur, and what it reflects onto."""
+SEEN_PROBE_MARGIN_PX = 1.3
+"""The same of a probe that was found in the red image itself."""
 DARK_LEVEL = 12.0
-"""A frame taken without light stays below this everywhere; a bare board under red light does not."""
+"""An image taken without light stays below this everywhere; a bare board under red light does not."""
 LARGEST_RADIUS_PX = 200.0
 INK_RULES = frozenset({RuleName.THIN, RuleName.ELONGATED, RuleName.RAGGED, RuleName.STROKE_END, RuleName.OVAL})
 """What these rules throw may be ink, and ink of one print is equally bright to this share of its contrast."""
@@ -155,11 +155,11 @@ def find_test_points(
     view: View | None = None,
     rules: tuple[Rule, ...] = RULES,
 ) -> Seen:
-    """Find test points within `reach_px` of `around_px` (x, y) in a red frame (H, W, 3) uint8 BGR.
+    """Find test points within `reach_px` of `around_px` (x, y) in a red image (H, W, 3) uint8 BGR.
 
     expected_radius_px: the semi-major radius CAD expects, which replaces the thesis' classes (via 5..8 px, site
-    14..21 px) and widens the window. needle: where the needle is in this picture; what it hides is left out. view: how
-    obliquely the board is seen (default: the needle's direction and a ratio of 0.87; without a needle anything between
+    14..21 px) and widens the window. needle: where the probe is in this image; what it hides is left out. view: how
+    obliquely the board is seen (default: the probe's direction and a ratio of 0.87; without a probe anything between
     square and that). Good to about 0.05 px on whole pads, 0.3 px on half-hidden ones. `nearest` is NotFound with one of
     too_dark, saturated, out_of_frame, no_test_point, ambiguous, undecided. ValueError for a wrong array, a point or
     number that is not finite.
@@ -196,8 +196,8 @@ def _look(
     rules: tuple[Rule, ...],
 ) -> Seen:
     window = open_window(plane, (area[0], area[1]), around, view)
-    edgels = find_edgels(window.clean, LEAST_SLOPE if needle else NEEDLE_SLOPE)
-    window = _behind_needle(window, edgels, needle)
+    edgels = find_edgels(window.clean, LEAST_SLOPE if needle else PROBE_SLOPE)
+    window = _behind_probe(window, edgels, needle)
     strong = edgels.where(edgels.slope > LEAST_SLOPE).outside(window.hidden)
     circles = round_objects(window, strong, Wanted(radius, 0.0))
     decided = [decide(seen, _wanted(seen, circles, radius), rules) for seen in circles]
@@ -303,7 +303,7 @@ def _overlap(item: Decided, other: Decided, share: float) -> bool:
     if one.circle is None or two.circle is None:
         return False
     reach = share * (one.circle.radius_px + two.circle.radius_px)
-    # Seen obliquely, touching pads are nearer in the picture along the minor axis: the share leaves room for that.
+    # Seen obliquely, touching pads are nearer in the image along the minor axis: the share leaves room for that.
     return float(np.hypot(one.x_px - two.x_px, one.y_px - two.y_px)) < reach
 
 
@@ -323,13 +323,13 @@ def _wanted(seen: SeenObject, circles: list[SeenObject], radius: float | None) -
     return Wanted(radius, brightest.level, brightest.contrast) if brightest else Wanted(radius, 0.0)
 
 
-def _behind_needle(window: Window, edgels: Edgels, needle: Tip | None) -> Window:
-    """Return the window with what the needle covers hidden: the given needle, or the one that shows in this picture."""
+def _behind_probe(window: Window, edgels: Edgels, needle: Tip | None) -> Window:
+    """Return the window with what the probe covers hidden: the given probe, or the one that shows in this image."""
     if needle is not None:
         corner = np.array([window.x_px, window.y_px])
-        outline = needle_outline((needle.x_px, needle.y_px), needle.angle_rad, needle.shape, NEEDLE_MARGIN_PX)
+        outline = probe_outline((needle.x_px, needle.y_px), needle.angle_rad, needle.shape, PROBE_MARGIN_PX)
         return hide(window, outline - corner, certain=True)
-    seen = find_needle(edgels, window.around_px, UNKNOWN_VIEW.minor_rad, SEEN_NEEDLE_MARGIN_PX)
+    seen = find_probe(edgels, window.around_px, UNKNOWN_VIEW.minor_rad, SEEN_PROBE_MARGIN_PX)
     return window if seen is None else hide(window, seen.outline_px, certain=seen.certain)
 
 

@@ -34,7 +34,7 @@ def find_hole(
         radius = float(np.sqrt(region.area_px / np.pi / circle.ratio))
         idea = Contour(x, y, max(radius, 1.0))
         if radius >= HOLE_WITH_EDGE_PX:
-            # A needle may stand before part of it: the hole is where a circle lies on its edge.
+            # A probe may stand before part of it: the hole is where a circle lies on its edge.
             rim = _hole_rim(window, edgels, idea)
             if rim is None:
                 continue

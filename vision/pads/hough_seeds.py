@@ -1,6 +1,6 @@
 """Propose circles: every edge point votes for the centres it could belong to.
 
-Votes are only seeds; `circle.fit_circle` measures. Unlike whole objects, votes stand a needle across the pad, a trace
+Votes are only seeds; `circle.fit_circle` measures. Unlike whole objects, votes stand a probe across the pad, a trace
 leading away from it, a hole in it, and a neighbour that touches it.
 """
 
@@ -29,7 +29,7 @@ LEAST_AIM = 0.85
 
 @dataclass(frozen=True, slots=True)
 class Seed:
-    """Hold a proposed circle in picture pixels (radius semi-major) and the share of its contour that shows."""
+    """Hold a proposed circle in image pixels (radius semi-major) and the share of its contour that shows."""
 
     x_px: float
     y_px: float
@@ -38,7 +38,7 @@ class Seed:
 
 
 def seeds(edgels: Edgels, shape: tuple[int, int], bands_px: Iterable[tuple[float, float]], view: View) -> list[Seed]:
-    """Return bright discs proposed in a picture of `shape` (H, W), for each band (least, most radius), best first.
+    """Return bright discs proposed in an image of `shape` (H, W), for each band (least, most radius), best first.
 
     Of circles about one centre the outermost comes first: what lies inside of a disc belongs to it.
     """

@@ -20,7 +20,7 @@ LEAST_LISTED_PX = 9
 
 
 def other_objects(window: Window, explained: Iterable[SeenObject]) -> list[SeenObject]:
-    """Return the bright objects that `explained` circles leave over, by brightness class from the top, in the frame."""
+    """Return the bright objects that `explained` circles leave over, by brightness class from the top, in the image."""
     done = blackened(window, explained)
     if not np.any(window.smooth[done == 0] > window.board_level + LEAST_STEP):
         return []

@@ -69,7 +69,7 @@ def round_objects(window: Window, edgels: Edgels, wanted: Wanted) -> list[SeenOb
 
 
 def blackened(window: Window, discs: Iterable[SeenObject], margin_px: int = 3) -> NDArray[np.uint8]:
-    """Return a mask (0/1) of what needs no further look: the needle and the given discs (in the window's pixels)."""
+    """Return a mask (0/1) of what needs no further look: the probe and the given discs (in the window's pixels)."""
     done = window.hidden.astype(np.uint8)
     for seen in discs:
         if seen.circle is not None:
@@ -83,7 +83,7 @@ def blackened(window: Window, discs: Iterable[SeenObject], margin_px: int = 3) -
 def _without_doubt(window: Window, edgels: Edgels, seen: SeenObject) -> SeenObject:
     """Return a circle as it is where nothing can stand before it, unless what may be hidden says the same.
 
-    The edge of a needle across a pad lies near the pad's own: where they disagree, the pad's is the one far from it.
+    The edge of a probe across a pad lies near the pad's own: where they disagree, the pad's is the one far from it.
     """
     circle = seen.circle
     if circle is None:
@@ -195,5 +195,5 @@ def _same(one: CircleFit, other: CircleFit | None) -> bool:
 
 
 def _in_frame(seen: SeenObject, window: Window) -> SeenObject:
-    """Return an object in the frame's pixels, its circle and hole still in the window's."""
+    """Return an object in the image's pixels, its circle and hole still in the window's."""
     return replace(seen, x_px=seen.x_px + window.x_px, y_px=seen.y_px + window.y_px)

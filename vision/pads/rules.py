@@ -46,7 +46,7 @@ MOST_NOISE = 0.25
 """Residual noise of a disc over its step: what is noisier is drawn by chance."""
 DULL_SHARE, DULL_CONTRAST_SHARE = 0.55, 0.75
 """Metal much duller than the brightest round thing beside it may be silkscreen: not taken, not thrown. A circle of
-which part is hidden must stand out as the brightest does: a stroke of silkscreen cut off by the needle looks like
+which part is hidden must stand out as the brightest does: a stroke of silkscreen cut off by the probe looks like
 one."""
 DULL_STROKE_SHARE = 0.8
 WHOLE_VISIBLE = 0.9
@@ -57,8 +57,8 @@ STROKE_NECK = 0.86
 trace is narrower than its pad, and a touching pad narrows to nothing where they meet."""
 WIDEST_TRACE = 0.74
 """Between this and that it may be either, so it is not taken."""
-NEEDLE_SHARE = 0.6
-"""Of an object that is the needle, at least this share lies where one may be."""
+PROBE_SHARE = 0.6
+"""Of an object that is the probe, at least this share lies where one may be."""
 LEAST_FILL = 0.75
 """Of a taken pad, hole aside, at least this share is bright."""
 
@@ -88,7 +88,7 @@ class SeenObject:
     length_px, thickness_px: sides of the smallest rectangle round it. circularity: Heywood's, perimeter over that of a
     disc of the same area (1 = round). boxed: share of that rectangle it fills. fill: bright share of its circle.
     level, contrast: its median brightness, and that above its surroundings. neck: width of the widest bright thing that
-    goes on beyond its circle, over the circle's diameter (0 = nothing). in_needle: share of it where an unknown needle
+    goes on beyond its circle, over the circle's diameter (0 = nothing). in_needle: share of it where an unknown probe
     may be. ring: its hole is wide and shows the board, as in a drawn circle. dark_middle: something dark and round lies
     in its middle, a hole though it may be too small to be measured. circle, hole: measured on raw pixels.
     """
@@ -164,8 +164,8 @@ def thin(seen: SeenObject, _wanted: Wanted) -> Verdict:
 
 
 def needle(seen: SeenObject, _wanted: Wanted) -> Verdict:
-    """Throw what lies where the needle comes in and is no circle: it is the needle, which nobody described."""
-    return Verdict.THROW if seen.circle is None and seen.in_needle > NEEDLE_SHARE else Verdict.PASS
+    """Throw what lies where the needle comes in and is no circle: it is the probe, which nobody described."""
+    return Verdict.THROW if seen.circle is None and seen.in_needle > PROBE_SHARE else Verdict.PASS
 
 
 def wrong_size(seen: SeenObject, wanted: Wanted) -> Verdict:
@@ -184,7 +184,7 @@ def stroke_end(seen: SeenObject, wanted: Wanted) -> Verdict:
     """Throw the round ends of strokes of silkscreen: they look like a filled via that goes on at its full width.
 
     A neck nearly as wide belongs to a stroke too when the whole is duller than the metal beside it. Lettering has no
-    drilled holes: with one, it is a via, however wide its trace. Behind a needle it may be a pad that touches.
+    drilled holes: with one, it is a via, however wide its trace. Behind a probe it may be a pad that touches.
     """
     if seen.circle is None or seen.hole is not None or seen.circle.visible < WHOLE_SHAPE:
         return Verdict.PASS
@@ -338,7 +338,7 @@ def _square(circle: CircleFit) -> bool:
 
 
 def _dull(seen: SeenObject, circle: CircleFit, wanted: Wanted) -> bool:
-    """Tell whether an object is too dull for the metal of this picture; a partly hidden one must be as bright."""
+    """Tell whether an object is too dull for the metal of this image; a partly hidden one must be as bright."""
     if circle.visible < WHOLE_VISIBLE:
         return seen.contrast < DULL_CONTRAST_SHARE * wanted.brightest_contrast
     return seen.level < DULL_SHARE * wanted.brightest_level

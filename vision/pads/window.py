@@ -1,4 +1,4 @@
-"""The part of a red frame round the tip that is looked at, and what of it something may stand in front of."""
+"""The part of a red image round the tip that is looked at, and what of it something may stand in front of."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ Flags = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """Hold the part of the red frame that is looked at, each picture (H, W).
+    """Hold the part of the red image that is looked at, each image (H, W).
 
     clean: uint8, spikes removed, else as taken; raw: the same as float32; smooth: median-filtered, for shapes only.
-    hidden: what the needle covers. maybe_hidden: where a needle of which nothing is known may stand (all false when the
-    needle is known). x_px, y_px: pixel (0, 0) in the frame; board_level: brightness of the bare board; around_px: the
+    hidden: what the probe covers. maybe_hidden: where a probe of which nothing is known may stand (all false when the
+    probe is known). x_px, y_px: pixel (0, 0) in the image; board_level: brightness of the bare board; around_px: the
     tip, in the window's pixels.
     """
 
@@ -66,7 +66,7 @@ def open_window(plane: Gray, corner: tuple[int, int], around_px: tuple[float, fl
 
 
 def hide(window: Window, outline: NDArray[np.float64], *, certain: bool) -> Window:
-    """Return the window with a needle's outline (N, 2), in the window's pixels, hidden, or maybe so."""
+    """Return the window with a probe's outline (N, 2), in the window's pixels, hidden, or maybe so."""
     cover = np.zeros(window.shape, dtype=np.uint8)
     cv2.fillPoly(cover, [np.rint(outline * 16.0).astype(np.int32)], (1,), shift=4)
     covered = cover > 0

@@ -1,7 +1,7 @@
-"""TEDA: the probe tip in the white frame."""
+"""TEDA: the probe tip in the white image."""
 
 from vision.tip.find import Tip, find_tip
-from vision.tip.probe_model import ProbeModel, needle_outline
+from vision.tip.probe_model import ProbeModel, probe_outline
 from vision.tip.strip import straighten
 
-__all__ = ["ProbeModel", "Tip", "find_tip", "needle_outline", "straighten"]
+__all__ = ["ProbeModel", "Tip", "find_tip", "probe_outline", "straighten"]

@@ -1,8 +1,8 @@
-"""What the ground behind the needle does to the needle's edges; it may be darker than the metal, or brighter.
+"""What the ground behind the probe does to the probe's edges; it may be darker than the metal, or brighter.
 
-An edge is where the picture is steepest. The metal's own light changes from the edge inwards, which moves that place by
+An edge is where the image is steepest. The metal's own light changes from the edge inwards, which moves that place by
 g s^2 / A: g the slope of the metal's light next to the edge, A the step from the ground up to the metal, s the blur.
-Its sign turns with the step's: before a dark ground, where the needle was taught, the place lies inside the edge when
+Its sign turns with the step's: before a dark ground, where the probe was taught, the place lies inside the edge when
 the metal grows brighter inwards, before a ground brighter than the metal outside of it. Where the ground is as bright
 as the metal there is no edge, whatever is found there: such a row counts neither for nor against.
 """
@@ -28,7 +28,7 @@ BLUR_PX = 1.35
 """Lens (1 px), smoothing across and sampling together, and the peak of a unit step's slope when blurred by it."""
 STEEPEST = 0.4 / BLUR_PX
 TAUGHT_GROUND = 0.25
-"""The ground of the taught picture, as a share of the metal next to the edge."""
+"""The ground of the taught image, as a share of the metal next to the edge."""
 MOST_SHIFT_PX = 1.2
 OUTSIDE_PX, SAME_LEVEL = 5.0, 0.2
 """How far outside the edge the ground is read. Within this share of the metal's level it is as bright as the metal."""
@@ -76,7 +76,7 @@ def without_blind(
 
     line, wider_px: where the outline lies, as in `edge_points`. A row with a strong edge stays: something else lies
     between. Where nearly all of the cylinder or of the taper would be left out, nothing is: what cannot be seen is not
-    taken for the needle.
+    taken for the probe.
     """
     row = np.minimum(np.searchsorted(outline.u_px, points.u_px), outline.u_px.size - 1)
     gone, left_out = np.zeros(points.u_px.size, dtype=bool), np.zeros(2, dtype=int)

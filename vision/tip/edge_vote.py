@@ -1,6 +1,6 @@
-"""Vote for the needle's axis: the line that has the most edge where the taught outline puts the two edges.
+"""Vote for the probe's axis: the line that has the most edge where the taught outline puts the two edges.
 
-Each caliper votes at most once, however strong its edge: a bright pad weighs no more than a dull needle.
+Each caliper votes at most once, however strong its edge: a bright pad weighs no more than a dull probe.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ TILTS: Floats = np.tan(np.radians(np.arange(-2.5, 2.51, 0.5)))
 DARKENING_WORTH = np.float32(0.7)
 """An edge that darkens inwards is one before something brighter than the metal: it counts, but less."""
 AWAY_WORTH = 0.04
-"""The template knows the needle to a few px: a place so much further away has to show so much more (0..1) of its
+"""The template knows the probe to a few px: a place so much further away has to show so much more (0..1) of its
 edges."""
 LEAST_OF_STEEPEST = 0.6
 """Where only one edge votes, a highlight's border must not pass for it: so much of the usual steepest slope is

@@ -1,4 +1,4 @@
-"""Find the needle's edges to a fraction of a pixel and fit the axis through all of them at once."""
+"""Find the probe's edges to a fraction of a pixel and fit the axis through all of them at once."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ ENOUGH_AGREE, BETTER_SHARE = 0.75, 0.1
 agreement."""
 SCALE_FLOOR_PX, SCALE_CEILING_PX = 0.03, 0.35
 WIDTH_SIGMA_PX, TAPER_SIGMA_PX = 0.4, 0.06
-"""How much wider the taught needle may look, by light and blur, and how much more so its taper, 1-sigma. The second
+"""How much wider the taught probe may look, by light and blur, and how much more so its taper, 1-sigma. The second
 belief is firm: a highlight within the taper, before a pad as bright as metal, passes for a narrower taper."""
 STRAIGHT_SIGMA_PX = 0.1
-"""A needle that is not bent turns its taper by no more than this over its length."""
+"""A probe that is not bent turns its taper by no more than this over its length."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +96,7 @@ def edge_points(
 ) -> EdgePoints:
     """Return the sub-pixel edge points near the outline placed on `axis` (a, b) and grown by (cylinder, taper).
 
-    Edges that brighten inwards, or, `either_way`, edges of both signs (a bright pad may lie behind the needle). The
+    Edges that brighten inwards, or, `either_way`, edges of both signs (a bright pad may lie behind the probe). The
     outline's dim side has none.
     """
     rows = np.rint(outline.u_px).astype(np.intp) - strip.u_from_px
@@ -143,7 +143,7 @@ def fit_axis(
     pivot_u_px: where the taper turns. straight: believe that it hardly does; otherwise the turn is free. same_width:
     believe that the taper is as wide as taught, but for the light; otherwise its width is free. The fit starts from the
     cylinder's points, from all and from the taper's, and the start with clearly the most agreement wins, the earlier
-    one in doubt: clutter behind one part of the needle does not draw the axis away from the other.
+    one in doubt: clutter behind one part of the probe does not draw the axis away from the other.
     """
     if points.u_px.size < 10:
         return None

@@ -1,4 +1,4 @@
-"""Find the rims of the black marking: where, along the needle, its brightness changes fastest."""
+"""Find the rims of the black marking: where, along the probe, its brightness changes fastest."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from vision.tip.strip import ProbeStrip, middle_profile, upper_median
 
 RIM_SIGMA_PX = 1.5
 RIM_SHARE = 0.75
-"""The part of the half width a rim is measured over. Painted rims wander round the needle: the more of it is seen the
+"""The part of the half width a rim is measured over. Painted rims wander round the probe: the more of it is seen the
 better it averages, but near the edges the surface turns away and the rim's bow grows steep."""
 BLOCK_PX = 5
-"""A rim wanders over about this much of the needle's width before it comes back: columns closer than that agree."""
+"""A rim wanders over about this much of the probe's width before it comes back: columns closer than that agree."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,7 @@ def rim_places(
 def join_rim(columns: NDArray[np.intp], half_px: float, u_px: Floats, strength: Floats, form_px: Floats) -> Rim:
     """Reduce a rim's columns to one place, `form_px` being the rim's taught form (0 at the axis).
 
-    Each column counts for as much of the needle's girth as it shows; torn columns do not count. The 1-sigma comes from
+    Each column counts for as much of the probe's girth as it shows; torn columns do not count. The 1-sigma comes from
     how much whole blocks of neighbouring columns differ, since what frays a rim frays neighbours together.
     """
     girth = 1.0 / np.sqrt(np.maximum(1.0 - np.square(columns / half_px), 0.2))

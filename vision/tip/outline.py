@@ -1,7 +1,7 @@
-"""Find a needle nobody has seen before, roughly: its direction, its marking, and its outline down to the end.
+"""Find a probe nobody has seen before, roughly: its direction, its marking, and its outline down to the end.
 
-Only what every such needle has is assumed: two edges at equal distances from one axis, a dark band across it, and a
-width that does not grow towards the end. Highlights make needles inside the needle, so the widest good one is taken.
+Only what every such probe has is assumed: two edges at equal distances from one axis, a dark band across it, and a
+width that does not grow towards the end. Highlights make probes inside the probe, so the widest good one is taken.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ FLARES = (0.0, 0.02, 0.04, 0.06, 0.08, 0.1)
 FLARED_LEAD = 0.2
 HALF_STEP_PX = 0.5
 MOST_NARROWING_PX, MOST_GROWTH_PX = 2.0, 0.5
-"""From one caliper to the next a needle narrows by no more, and grows by no more, px."""
+"""From one caliper to the next a probe narrows by no more, and grows by no more, px."""
 WIDER_WORTH = 0.03
 """Of two paths along edges the outer one is the outline: so much is a pixel more worth, in rows."""
 RIM2_FROM_PX, RIM2_TO_PX = -250, -40
@@ -39,7 +39,7 @@ ADVICE = (
 
 @dataclass(frozen=True, slots=True)
 class RoughOutline:
-    """Hold the needle's turn against the strip, its rims' u, and its outline, good to about 2 px."""
+    """Hold the probe's turn against the strip, its rims' u, and its outline, good to about 2 px."""
 
     tilt_rad: float
     rim1_u_px: float
@@ -91,8 +91,8 @@ class _Cylinder:
         return self.half_px - self.flare * (u_px - self.u_px)
 
 
-def rough_needle(strip: ProbeStrip) -> RoughOutline:
-    """Return the needle that ends near u = 0 of a strip laid along its expected direction; ValueError if none does."""
+def rough_probe(strip: ProbeStrip) -> RoughOutline:
+    """Return the probe that ends near u = 0 of a strip laid along its expected direction; ValueError if none does."""
     edges = EdgePairs.of(strip, by_ratio=True)
     best: tuple[float, float, _Cylinder, tuple[float, float]] | None = None
     for tilt in np.tan(np.radians(np.arange(-HINT_REACH_DEG, HINT_REACH_DEG + 0.1, 1.0))):

@@ -1,4 +1,4 @@
-"""Do both sides of the needle tell of the taught one, all the way down? Where the ground hides one, the other must."""
+"""Do both sides of the probe tell of the taught one, all the way down? Where the ground hides one, the other must."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ LEAST_THIN_FOUND, LEAST_THIN_NEAR, NEAR_PX, PLAIN_USED = 6, 4, 0.8, 8
 have to lie near the fit. Asked where a side has fewer than so many on the fit: others show the taper's length."""
 
 
-def check_sides(needle: MeasuredTip, model: ProbeModel) -> NotFound | None:
-    """Return why the sides of the taper do not tell of one and the same taught needle, or None.
+def check_sides(probe: MeasuredTip, model: ProbeModel) -> NotFound | None:
+    """Return why the sides of the taper do not tell of one and the same taught probe, or None.
 
-    Edges that are there but lie elsewhere speak against the needle. Where one side does not stand out from the ground
+    Edges that are there but lie elsewhere speak against the probe. Where one side does not stand out from the ground
     the other one alone has to tell a bend, another width and a moved marking apart, and is asked for each.
     """
     if model.outline.dim_side:
         return None
-    points, axis = needle.points, needle.axis
+    points, axis = probe.points, probe.axis
     wider = np.where(points.on_taper, axis.taper_wider_px, axis.cylinder_wider_px)
     beyond = points.side * (points.v_px - axis.a_px - axis.b * points.u_px - points.taught_px) - wider
     least_used = points.u_px.size
@@ -47,28 +47,28 @@ def check_sides(needle: MeasuredTip, model: ProbeModel) -> NotFound | None:
     doubtful = found >= LEAST_THIN_FOUND and near < LEAST_THIN_NEAR and 2 * near <= found
     if doubtful and least_used < PLAIN_USED:
         return wrong(f"only {near} of {found} edges of the taper's thin half lie on the taught silhouette")
-    return _one_sided(needle, model) if least_used < LEAST_USED else _one_sided_cylinder(needle)
+    return _one_sided(probe, model) if least_used < LEAST_USED else _one_sided_cylinder(probe)
 
 
-def _one_sided(needle: MeasuredTip, model: ProbeModel) -> NotFound | None:
+def _one_sided(probe: MeasuredTip, model: ProbeModel) -> NotFound | None:
     """Return why one side of the taper alone does not tell enough, or None."""
-    free = needle.free
+    free = probe.free
     fact = "one side of the taper does not stand out from the ground, and by the other one"
     if abs(free.bend_px) > ONE_SIDED_BEND_PX or free.bend_sigma_px > ONE_SIDED_SIGMA_PX:
         return wrong(f"{fact} its axis misses the cylinder's by {free.bend_px:+.1f} +- {free.bend_sigma_px:.1f} px")
-    loose = fit_axis(needle.points, -model.h_px, straight=False, same_width=False)
+    loose = fit_axis(probe.points, -model.h_px, straight=False, same_width=False)
     if loose is None:
         return wrong(f"{fact} too little is seen")
     wider = loose.taper_wider_px - loose.cylinder_wider_px
-    moved = wider / model.shape.taper_slope - needle.rim2.u_px - model.h_px
+    moved = wider / model.shape.taper_slope - probe.rim2.u_px - model.h_px
     if abs(moved) > ONE_SIDED_MOVED_PX:
         return wrong(f"{fact} the marking sits {moved:+.1f} px from where it was taught")
-    return _one_sided_cylinder(needle)
+    return _one_sided_cylinder(probe)
 
 
-def _one_sided_cylinder(needle: MeasuredTip) -> NotFound | None:
+def _one_sided_cylinder(probe: MeasuredTip) -> NotFound | None:
     """Return why one side of the cylinder alone does not tell enough, or None: another width would move the axis."""
-    points, axis = needle.points, needle.axis
+    points, axis = probe.points, probe.axis
     used = ~points.on_taper & (axis.weights > 0.3)
     least_used = min(int(np.count_nonzero(used & (points.side == side))) for side in (-1.0, 1.0))
     if least_used >= LEAST_USED or abs(axis.cylinder_wider_px) < ONE_SIDED_WIDER_PX:

@@ -1,6 +1,6 @@
-"""Lay the needle straight: a strip of the picture along it, and what can be read off its rows and columns.
+"""Lay the probe straight: a strip of the image along it, and what can be read off its rows and columns.
 
-Strip coordinates: u runs along the needle towards its end and is 0 where the end is expected, v runs across it,
+Strip coordinates: u runs along the probe towards its end and is 0 where the end is expected, v runs across it,
 turned from u as y is from x.
 """
 
@@ -27,8 +27,8 @@ _NEXT, _BESIDE = np.ones((1, 3), dtype=np.uint8), np.ones((1, 5), dtype=np.uint8
 
 
 @dataclass(frozen=True, slots=True)
-class NeedleShape:
-    """Tell the needle's sizes: half widths grow from `end_half_px` by `taper_slope` px per px up to the marking.
+class ProbeShape:
+    """Tell the probe's sizes: half widths grow from `end_half_px` by `taper_slope` px per px up to the marking.
 
     A summary of the taught `Silhouette` by a straight taper; what is measured is measured against the silhouette.
     """
@@ -46,7 +46,7 @@ class NeedleShape:
 
     @property
     def length_px(self) -> float:
-        """Return how far above the end the needle is measured, px."""
+        """Return how far above the end the probe is measured, px."""
         return self.end_to_rim_px + self.marking_px + RIM_CLEARANCE_PX + CYLINDER_LENGTH_PX + CALIPER_STEP_PX
 
 
@@ -95,8 +95,8 @@ def straighten(
     )
 
 
-def around(plane: Plane, at_px: tuple[float, float], angle_rad: float, shape: NeedleShape, spare_px: int) -> ProbeStrip:
-    """Return the strip that holds the whole measured needle and `spare_px` more on every side."""
+def around(plane: Plane, at_px: tuple[float, float], angle_rad: float, shape: ProbeShape, spare_px: int) -> ProbeStrip:
+    """Return the strip that holds the whole measured probe and `spare_px` more on every side."""
     above, aside = int(shape.length_px) + spare_px, int(shape.cylinder_half_px) + 10 + spare_px
     return straighten(plane, at_px, angle_rad, -above, 24 + spare_px, aside)
 
@@ -122,7 +122,7 @@ def upper_median(values: Floats | Plane) -> float:
 def across_slope(strip: ProbeStrip, *, by_ratio: bool = False) -> Plane:
     """Return d/dv of the strip, averaged along u over a caliper's own rows, levels per px.
 
-    by_ratio: of the brightness' logarithm instead, scaled to the same range of levels: the dim flank of a needle lit
+    by_ratio: of the brightness' logarithm instead, scaled to the same range of levels: the dim flank of a probe lit
     from one side then shows more than the end of the light on it.
     """
     averaged: Plane = np.asarray(cv2.blur(strip.pixels, (1, CALIPER_STEP_PX + 1)), dtype=np.float32)
@@ -151,7 +151,7 @@ def _edge_map(slope: Plane, edge_level: float) -> Plane:
 
 
 def middle_profile(strip: ProbeStrip, axis: tuple[float, float], half_px: int) -> Plane:
-    """Return the median brightness of the needle's middle (+-half_px) along u, one value per row of the strip."""
+    """Return the median brightness of the probe's middle (+-half_px) along u, one value per row of the strip."""
     u = np.arange(strip.pixels.shape[0]) + strip.u_from_px
     centre = np.rint(axis[0] + axis[1] * u).astype(np.intp) + strip.reach_px
     columns = np.clip(centre[:, None] + np.arange(-half_px, half_px + 1), 0, strip.pixels.shape[1] - 1)

@@ -1,8 +1,8 @@
-"""Teach a needle: from one white frame and the operator's click on its end, measure what `find_tip` relies on.
+"""Teach a probe: from one white image and the operator's click on its end, measure what `find_tip` relies on.
 
 The end should stand before a dark, quiet background (thesis 5.3.6): edges are taught as they are seen there, and what a
-brighter ground does to them later is worked out from that (`tip_ground`). The click fixes only the distance h from the
-marking's lower rim to the end: across the needle the measured axis is better than any hand.
+brighter ground does to them later is worked out from that (`background`). The click fixes only the distance h from the
+marking's lower rim to the end: across the probe the measured axis is better than any hand.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from vision.core import Floats, Gray, Plane, robust_fit
 from vision.tip.edges import EdgePoints, edge_points
 from vision.tip.marking_rim import join_rim, marking_levels, rim_columns, rim_places
-from vision.tip.outline import RoughOutline, rough_needle
+from vision.tip.outline import RoughOutline, rough_probe
 from vision.tip.shade import dim_side, taught_shade_px
 from vision.tip.silhouette import Silhouette, caliper_rows
-from vision.tip.strip import NeedleShape, ProbeStrip, across_slope, middle_profile, straighten, upper_median
+from vision.tip.strip import ProbeShape, ProbeStrip, across_slope, middle_profile, straighten, upper_median
 
 AXIS_HINT_RAD = float(np.arctan2(232.0, 119.0))
-"""The needle comes into view from the upper left; teaching looks this far to either side of that direction."""
+"""The probe comes into view from the upper left; teaching looks this far to either side of that direction."""
 LENGTH_PX, BELOW_PX = 420, 30
 REACH_PX = 64
 WIDE_REACH_PX = 130
@@ -44,7 +44,7 @@ class Taught:
     x_px: float
     y_px: float
     angle_rad: float
-    shape: NeedleShape
+    shape: ProbeShape
     outline: Silhouette
     rim_form_px: Floats
     marking_contrast: float
@@ -52,9 +52,9 @@ class Taught:
 
 
 def measure(plane: Gray, tip_px: tuple[float, float], hint_rad: float) -> Taught:
-    """Measure the needle that ends at `tip_px` in a clean gray picture; ValueError says what could not be found."""
+    """Measure the probe that ends at `tip_px` in a clean gray image; ValueError says what could not be found."""
     image = plane.astype(np.float32)
-    rough = rough_needle(straighten(image, tip_px, hint_rad, -LENGTH_PX, 20, WIDE_REACH_PX))
+    rough = rough_probe(straighten(image, tip_px, hint_rad, -LENGTH_PX, 20, WIDE_REACH_PX))
     angle = hint_rad + rough.tilt_rad
     strip, outline = _straightened(image, tip_px, angle, rough.outline, BY_LEVEL)
     ratios, by_ratio = _straightened(image, tip_px, angle, rough.outline, BY_RATIO)
@@ -68,7 +68,7 @@ def measure(plane: Gray, tip_px: tuple[float, float], hint_rad: float) -> Taught
 def _straightened(
     image: Plane, tip_px: tuple[float, float], angle_rad: float, rough: Silhouette, by_ratio: tuple[bool, bool]
 ) -> tuple[ProbeStrip, Silhouette]:
-    """Return the strip along the needle's axis and the outline about it, found from a rough outline.
+    """Return the strip along the probe's axis and the outline about it, found from a rough outline.
 
     by_ratio: whether the left and the right edge are where the brightness changes fastest by ratio, not by levels.
     """
@@ -85,7 +85,7 @@ def _same_axis(levels: ProbeStrip, ratios: ProbeStrip, outline: Silhouette) -> b
     """Return whether edges found by level and by ratio lie about the same axis.
 
     Where the light comes from one side the steepest place of the dim flank is within it, where the light ends; by ratio
-    it is the needle's edge. Otherwise the levels are better: they have less noise, and move less with the blur.
+    it is the probe's edge. Otherwise the levels are better: they have less noise, and move less with the blur.
     """
     turn = float(np.tan(ratios.angle_rad - levels.angle_rad))
     c, s = np.cos(levels.angle_rad), np.sin(levels.angle_rad)
@@ -211,7 +211,7 @@ def _smooth_form(columns: NDArray[np.intp], u_px: Floats) -> Floats:
     return np.asarray(form - float(np.mean(form[np.abs(columns) <= 3])), dtype=np.float64)
 
 
-def _sizes(outline: Silhouette, end_u_px: float, rim1_u_px: float, rim2_u_px: float) -> tuple[NeedleShape, Silhouette]:
+def _sizes(outline: Silhouette, end_u_px: float, rim1_u_px: float, rim2_u_px: float) -> tuple[ProbeShape, Silhouette]:
     """Return the sizes and the outline with its rows counted from the end, where the click has put it."""
     h, marking = end_u_px - rim2_u_px, rim2_u_px - rim1_u_px
     u, cylinder_rows = caliper_rows(h, marking)
@@ -229,7 +229,7 @@ def _sizes(outline: Silhouette, end_u_px: float, rim1_u_px: float, rim2_u_px: fl
     if not (0.02 < slope < 1.0):
         raise ValueError("the needle does not narrow towards the given end: use a dark, quiet background")
     _check_axis(final, cylinder)
-    return NeedleShape(h, marking, max(end, 0.5), slope, cylinder), final
+    return ProbeShape(h, marking, max(end, 0.5), slope, cylinder), final
 
 
 def _check_axis(outline: Silhouette, cylinder_half_px: float) -> None:

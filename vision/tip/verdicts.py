@@ -1,4 +1,4 @@
-"""The verdicts that several checks of a needle come to, each with what to do about it."""
+"""The verdicts that several checks of a probe come to, each with what to do about it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ OTHER_ADVICE = "is another needle mounted, or is the background too busy here? L
 
 
 def blurred(sharpness: float, least: float) -> NotFound:
-    """Return the verdict on a picture that is not sharp."""
+    """Return the verdict on an image that is not sharp."""
     return NotFound(
         Reason.BLURRED, f"the picture is blurred (sharpness {sharpness:.3f}, {least:.3f} is needed): {BLURRED_ADVICE}"
     )
@@ -21,5 +21,5 @@ def no_marking(fact: str) -> NotFound:
 
 
 def wrong(fact: str) -> NotFound:
-    """Return the verdict on a needle that does not look like the taught one."""
+    """Return the verdict on a probe that does not look like the taught one."""
     return NotFound(Reason.WRONG_NEEDLE, f"{fact}: {OTHER_ADVICE}")
