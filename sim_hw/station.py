@@ -1,4 +1,4 @@
-"""The simulated station: plant, slaves, line, camera, truth log and bench socket, started and ended together."""
+"""Whole simulated station: plant, slaves, line, camera, truth log and bench socket, started and ended together."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The truth log: where the tip really was against the real centres of pads and card; no wire carries it."""
+"""Truth log: where the tip really was against the real centres of pads and card; no wire carries it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pure functions: image in, geometry out."""
+"""Machine vision of a probe station: image in, geometry out, by pure functions."""
 
 from vision.annotate import crop, draw_test_points, draw_tip
 from vision.control_point import Arm, ControlPoint, find_control_point

@@ -1,4 +1,4 @@
-"""A board as the simulated station knows it: the round targets of one side and the layers to draw it from.
+"""Board as the simulated station knows it: the round targets of one side and the layers to draw it from.
 
 CAD coordinates are the Gerbers': mm, y up, seen from the top, whichever side is asked for.
 """

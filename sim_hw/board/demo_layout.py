@@ -1,4 +1,4 @@
-"""Where everything of the demo board lies: mm from its lower left corner, y up, seen from the top."""
+"""Layout of the demo board: mm from its lower left corner, y up, seen from the top."""
 
 from dataclasses import dataclass
 

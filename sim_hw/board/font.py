@@ -1,4 +1,4 @@
-"""A stroke font of our own for silkscreen: only the letters our board needs."""
+"""Stroke font of our own for silkscreen: only the letters our board needs."""
 
 from collections.abc import Iterator
 

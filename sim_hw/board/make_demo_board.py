@@ -1,4 +1,4 @@
-"""Make the demo board's files: `python -m sim_hw.make_demo_board [FOLDER]` (default: the one kept here)."""
+"""Maker of the demo board: `python -m sim_hw.board.make_demo_board [FOLDER]` (default: the one kept here)."""
 
 import sys
 from collections.abc import Iterator

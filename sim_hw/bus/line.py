@@ -1,4 +1,4 @@
-"""The RTU line: one pseudo-terminal that carries every slave.
+"""RTU line: one pseudo-terminal that carries every slave.
 
 Paced, it behaves in time like 115200 baud: a request takes its bytes' time to arrive, ends after 3.5 characters of
 silence, is thought about, and the reply takes its time too. Unpaced, a request is served as soon as it is whole.

@@ -1,4 +1,4 @@
-"""The light relay: a Waveshare-type eight-channel Modbus RTU board; coil 0 white ring, coil 1 red ring."""
+"""Light relay: a Waveshare-type eight-channel Modbus RTU board; coil 0 white ring, coil 1 red ring."""
 
 from __future__ import annotations
 

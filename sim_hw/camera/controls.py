@@ -1,6 +1,6 @@
-"""The camera's controls as a UVC driver shows them, and what its automatics do to the picture.
+"""Camera controls as a UVC driver shows them, and what its automatics do to the image.
 
-At power-up the automatics are on, as in any web camera: pictures then change after each switch of the light until
+At power-up the automatics are on, as in any web camera: images then change after each switch of the light until
 somebody turns them off. A manual value set while its automatic is on is kept and takes effect afterwards.
 """
 

@@ -1,4 +1,4 @@
-"""The CiA 402 power state machine as data (drive manual, 6040h and 6041h)."""
+"""CiA 402 power state machine as data (drive manual, 6040h and 6041h)."""
 
 from __future__ import annotations
 

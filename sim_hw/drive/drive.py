@@ -1,4 +1,4 @@
-"""One stepper drive behind its object dictionary: power states, faults, limits, modes of operation (CiA 402).
+"""Stepper drive behind its object dictionary: power states, faults, limits, modes of operation (CiA 402).
 
 Time is an argument: `update(t)` works off everything that happened up to `t`, each thing at its own time, so the
 result does not depend on how often the drive is asked.

@@ -1,4 +1,4 @@
-"""A Nanotec drive with its L4118 motor as a Modbus RTU slave: registers, function code 43, memory, restart."""
+"""Nanotec drive with its L4118 motor as a Modbus RTU slave: registers, function code 43, memory, restart."""
 
 from __future__ import annotations
 

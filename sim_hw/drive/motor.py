@@ -1,4 +1,4 @@
-"""A drive's view of its motor: the demanded motion, its own zero, the switches. Units: um or degrees."""
+"""Motor as its drive sees it: the demanded motion, its own zero, the switches. Units: um or degrees."""
 
 from __future__ import annotations
 
@@ -117,6 +117,6 @@ class Motor:
 
     def _turn(self, demand: Trajectory) -> None:
         name = self.spec.name
-        play, sigma = self._plant.backlash(name), self._plant.stop_sigma(name)
-        self._axis.follow(demand, play=play, sigma=sigma, stalled=self._stalled)
+        backlash, sigma = self._plant.backlash(name), self._plant.stop_sigma(name)
+        self._axis.follow(demand, backlash=backlash, sigma=sigma, stalled=self._stalled)
         self._plant.changed()

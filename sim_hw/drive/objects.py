@@ -1,4 +1,4 @@
-"""The object dictionary of a drive: what exists, how wide it is, who may write it.
+"""Object dictionary of a drive: what exists, how wide it is, who may write it.
 
 Names and defaults are those of the drive manual's object pages; entries the manual leaves open are in `knobs.py`.
 """

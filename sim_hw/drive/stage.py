@@ -1,4 +1,4 @@
-"""What all parts of a drive share: its time, motor, objects and units, and what the switches say."""
+"""Shared parts of a drive: its time, motor, objects and units, and what the switches say."""
 
 from __future__ import annotations
 

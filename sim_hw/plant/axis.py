@@ -1,7 +1,7 @@
-"""The mechanics of one axis: what the carriage does when the motor's field turns.
+"""Mechanics of one axis: what the carriage does when the motor's field turns.
 
 The rotor follows what the drive demands unless it stalls or stands at a hard stop (then steps are lost and nobody
-knows). The carriage follows the rotor with play, plus an error that is drawn afresh for every stop.
+knows). The carriage follows the rotor with backlash, plus an error drawn new for every stop.
 Positions are um or degrees in the machine's own frame, where the home switch's edge is at `home_edge`.
 """
 
@@ -92,17 +92,17 @@ class _Piece:
 
     rotor: Segment
     carriage0: float
-    play: float
+    backlash: float
     error: Segment
 
     def carriage(self, t_s: float) -> float:
-        """Return the carriage's place; the rotor pushes it up at once and down only after the play is used up."""
+        """Return the carriage's place; the rotor pushes it up at once and down only after the backlash is used up."""
         rotor = self.rotor.position(t_s)
-        return min(max(self.carriage0, rotor), rotor + self.play)
+        return min(max(self.carriage0, rotor), rotor + self.backlash)
 
     def when_at(self, place: float, *, upwards: bool) -> float | None:
         """Return when the carriage passes a place in a direction, or None."""
-        t_s = self.rotor.time_at(place if upwards else place - self.play)
+        t_s = self.rotor.time_at(place if upwards else place - self.backlash)
         first, last = self.carriage0, self.carriage(self.rotor.t1_s)
         passes = first < place <= last if upwards else first >= place > last
         # Rounding may put the place a hair outside the rotor's segment; then it is passed at its end.
@@ -139,12 +139,12 @@ class Axis:
         """Return the time from which the axis rests, as far as is ordered."""
         return self._pieces[-1].rotor.t0_s
 
-    def follow(self, demand: Trajectory, *, play: float = 0.0, sigma: float = 0.0, stalled: bool = False) -> None:
+    def follow(self, demand: Trajectory, *, backlash: float = 0.0, sigma: float = 0.0, stalled: bool = False) -> None:
         """Turn with the field from the demand's start on, by the demand's displacement.
 
         Args:
             demand: what the drive orders; it replaces whatever was ordered for later.
-            play: backlash of the nut, units.
+            backlash: play of the nut, units.
             sigma: spread of the error drawn for this stop, units.
             stalled: the field turns and the rotor does not.
 
@@ -158,17 +158,17 @@ class Axis:
         drift = _ramp(t_s, end_s, error, goal)
         pieces = self._until(t_s)
         for segment in segments:
-            piece = _Piece(segment, carriage, play, drift)
+            piece = _Piece(segment, carriage, backlash, drift)
             pieces.append(piece)
             rotor, carriage = segment.position(segment.t1_s), piece.carriage(segment.t1_s)
-        self._pieces = [*pieces, _resting(end_s, rotor, carriage, play, goal)]
+        self._pieces = [*pieces, _resting(end_s, rotor, carriage, backlash, goal)]
 
     def slip(self, t_s: float, distance: float) -> None:
         """Stop at once and come to rest `distance` away, but never beyond a hard stop: steps are lost."""
         now = self._at(t_s)
         rotor, carriage, error = now.rotor.position(t_s), now.carriage(t_s), now.error.position(t_s)
         distance = min(max(carriage + distance, self.spec.hard_min), self.spec.hard_max) - carriage
-        self._pieces = [*self._until(t_s), _resting(t_s, rotor + distance, carriage + distance, now.play, error)]
+        self._pieces = [*self._until(t_s), _resting(t_s, rotor + distance, carriage + distance, now.backlash, error)]
 
     def next_crossing(self, place: float, after_s: float, *, upwards: bool) -> float | None:
         """Return the first time after `after_s` at which the carriage is going to pass a place, or None."""
@@ -202,8 +202,8 @@ class Axis:
         return kept
 
 
-def _resting(t_s: float, rotor: float, carriage: float, play: float, error: float) -> _Piece:
-    return _Piece(Segment(t_s, math.inf, rotor, 0.0, 0.0), carriage, play, Segment(t_s, math.inf, error, 0.0, 0.0))
+def _resting(t_s: float, rotor: float, carriage: float, backlash: float, error: float) -> _Piece:
+    return _Piece(Segment(t_s, math.inf, rotor, 0.0, 0.0), carriage, backlash, Segment(t_s, math.inf, error, 0.0, 0.0))
 
 
 def _ramp(t0_s: float, t1_s: float, first: float, last: float) -> Segment:

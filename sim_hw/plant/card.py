@@ -1,4 +1,4 @@
-"""Where the control-point card lies: a laser print on white paper, fixed to the bench beside the board.
+"""Control-point card: where it lies, a laser print on white paper, fixed to the bench beside the board.
 
 What is NOT modelled: a card that is tilted or curls, and the step of its edge.
 """

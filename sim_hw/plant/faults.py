@@ -1,6 +1,6 @@
-"""What can be broken from outside, and whether it is broken now.
+"""Faults: what can be broken from outside, and whether it is broken now.
 
-A fault is a flag with parameters. Whoever owns the thing enforces it: the line reads `cable_out`, the drives read
+A fault is a flag with parameters. Its owner enforces it: the line reads `cable_out`, the drives read
 `stall`, the camera reads `frozen`, and so on. Any fault may carry `count`: it then clears itself after that many uses.
 """
 

@@ -1,4 +1,4 @@
-"""Every imperfection of the simulated station and every unsettled point of the drive manual, as one frozen value."""
+"""Knobs: every imperfection of the station and every unsettled point of the drive manual, as one frozen value."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Knobs:
     relay_delay_s: float = 0.008
     relay_bounce_s: float = 0.002
 
-    # --- the picture; read by the camera
+    # --- the image; read by the camera
     camera_frame_period_s: float = 1.0 / 15.0
     camera_blur_px: float = 1.0
     camera_noise_grey: float = 3.0

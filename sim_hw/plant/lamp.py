@@ -1,4 +1,4 @@
-"""A lamp behind a relay contact: delay, bounce, rise and decay."""
+"""Lamp behind a relay contact: delay, bounce, rise and decay."""
 
 from __future__ import annotations
 

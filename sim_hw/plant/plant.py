@@ -1,4 +1,4 @@
-"""The truth: where the axes, the tip and the board really are and how bright the lamps are, at any time.
+"""Plant, the truth: where the axes, the tip and the board really are and how bright the lamps are, at any time.
 
 Nothing here sleeps or looks at a clock; time is an argument. What is NOT modelled: vibration after a stop, thermal
 drift, axes that are not square, jerk; what a pressed probe does to the things it touches: its force, friction and
@@ -90,7 +90,7 @@ class Plant:
         self.changed()
 
     def backlash(self, axis: str) -> float:
-        """Return the play of an axis, um or degrees."""
+        """Return the backlash of an axis, um or degrees."""
         return float(getattr(self.knobs, f"{axis}_backlash_{_unit(axis)}"))
 
     def stop_sigma(self, axis: str) -> float:

@@ -1,4 +1,4 @@
-"""Where the board really lies: nominal mapping of CAD to the robot frame, and the error of the fixture."""
+"""Pose of the board: nominal mapping of CAD to the robot frame, and the error of the fixture."""
 
 from __future__ import annotations
 

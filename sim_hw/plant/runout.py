@@ -1,4 +1,4 @@
-"""Where the tip is under the head: a perfect circle plus the run-out of a real head (thesis, appendix D)."""
+"""Run-out of the head: where the tip is, a perfect circle plus what a real head adds (thesis, appendix D)."""
 
 from __future__ import annotations
 

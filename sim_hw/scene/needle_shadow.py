@@ -1,4 +1,4 @@
-"""The soft shadow the probe throws on the board."""
+"""Soft shadow that the probe throws on the board."""
 
 import math
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ from sim_hw.scene.needle import Needle
 from sim_hw.scene.optics import Optics
 
 _COARSE = 4
-"""Px of the frame per px of the shadow's own picture: it is soft anyway."""
+"""Px of the frame per px of the shadow's own image: it is soft anyway."""
 _LENGTH_UM = 9_000.0
 _STEPS = 40
 

@@ -1,4 +1,4 @@
-"""The pinhole camera that rides on the head, and where things of the robot frame fall in its picture.
+"""Pinhole camera that rides on the head, and where things of the robot frame fall in its image.
 
 Head frame: origin at the end of the probe, axes parallel to the robot's while theta is 0, um, z up.
 Camera frame: x right, y down, z along the optical axis. Pixel centres at integers.
@@ -42,7 +42,7 @@ class Pose(Protocol):
 
 
 class Head(Protocol):
-    """What a picture depends on: the tip, the head's angle, how high both are, the lights."""
+    """What an image depends on: the tip, the head's angle, how high both are, the lights."""
 
     @property
     def theta_deg(self) -> float: ...  # noqa: D102
@@ -66,7 +66,7 @@ class Head(Protocol):
 
 @dataclass(frozen=True)
 class Stand:
-    """Where camera and probe stand: the free probe's end in the robot frame (um), head angle, shift of the picture."""
+    """Where camera and probe stand: the free probe's end in the robot frame (um), head angle, shift of the image."""
 
     tip_um: tuple[float, float, float]
     theta_deg: float

@@ -1,4 +1,4 @@
-"""Images for people: what was seen, drawn over it."""
+"""Drawings for people: what was seen, over the image it was seen in."""
 
 from vision.annotate.draw import (
     Searched,

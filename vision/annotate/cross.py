@@ -1,4 +1,4 @@
-"""The control point's page: the arms that were measured, and where they meet."""
+"""Panel of the control point: the arms that were measured, and where they meet."""
 
 from __future__ import annotations
 

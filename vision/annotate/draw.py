@@ -1,4 +1,4 @@
-"""Draw what was seen, for a process engineer: on a copy, magnified, with the verdict in words and a key of the colours.
+"""Pages for a process engineer: what was seen, on a magnified copy, with the verdict in words and a key of the colours.
 
 Each function returns a page: (H, W, 3) uint8 BGR.
 """

@@ -1,4 +1,4 @@
-"""Find room for labels: beside what they name, off what is drawn, never on each other while there is another place."""
+"""Label placement: beside what they name, off what is drawn, never on each other while there is another place."""
 
 from __future__ import annotations
 

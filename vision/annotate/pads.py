@@ -1,4 +1,4 @@
-"""The red image's half of a sheet: what was taken, thrown and left undecided, each with the rule that decided."""
+"""Panel of the red image: what was taken, thrown and left undecided, each with the rule that decided."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Put panels side by side on one page: the verdict in words on top, numbers below each, the colours at the foot."""
+"""Page layout: panels side by side, the verdict in words on top, numbers below each, the colours at the foot."""
 
 from __future__ import annotations
 

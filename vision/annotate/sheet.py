@@ -1,4 +1,4 @@
-"""A magnified piece of an image that takes drawing in the image's own pixels, and remembers where something is drawn.
+"""Drawing surface: a magnified piece of an image, drawn on in image pixels, that remembers what is taken up.
 
 Green is what was used, yellow the answer, orange what was refused, magenta what could not be decided, blue where was
 looked.

@@ -1,4 +1,4 @@
-"""The white image's half of a sheet: how the tip was found, or where it was looked for."""
+"""Panel of the white image: how the tip was found, or where it was looked for."""
 
 from __future__ import annotations
 

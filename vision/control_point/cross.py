@@ -1,4 +1,4 @@
-"""Measure the centre of a crossing: where the middle lines of its arms meet, each fitted to all of its stations."""
+"""Centre of a crossing: where the middle lines of its arms meet, each fitted to all of its stations."""
 
 from __future__ import annotations
 

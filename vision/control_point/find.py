@@ -1,4 +1,4 @@
-"""Find the control point: the middle of four thin arms printed crosswise (thesis appendix C).
+"""Search for the control point: the middle of four thin arms printed crosswise (thesis appendix C).
 
 Each arm is a dark line with two parallel edges; halfway between them runs the arm. Arms that cross at 72..95 degrees
 (perspective bends the right angle) meet at the centre. Two arms are enough: the probe may hide the others.

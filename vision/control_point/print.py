@@ -1,4 +1,4 @@
-"""Decide whether two measured lines are those of a control point.
+"""Checks of a control point: whether two measured lines are its arms.
 
 What is measured must be a print: arms of one width and one darkness on paper, straight, not tapered, not dashed, and
 none of them missing where the paper is bare. A crossing of which this cannot be said is none.

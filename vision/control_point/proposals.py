@@ -1,4 +1,4 @@
-"""Propose where the arms of a control point cross: dark line pixels vote for lines, pairs of lines are judged by arms.
+"""Proposals of crossings: dark line pixels vote for lines, pairs of lines are judged by arms.
 
 Done at half size, where an arm is two to six pixels wide. What it proposes is rough (a pixel or two, a degree or two);
 `cross` measures and decides.

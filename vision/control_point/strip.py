@@ -1,4 +1,4 @@
-"""Measure a dark strip with two parallel edges, station by station along it, and the line in the middle of the two.
+"""Measurement of a dark strip with two parallel edges, station by station, and of the line in the middle of the two.
 
 Coordinates are those of the line: `along` it from a point given, `across` it to the right as seen (x towards y).
 """

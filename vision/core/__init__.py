@@ -1,4 +1,4 @@
-"""Images, edges, circles: what every search stands on."""
+"""Basics of image measurement: images, edges, circles, robust fits, reasons for not found."""
 
 from vision.core.caliper import (
     Fit,

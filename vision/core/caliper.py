@@ -1,4 +1,4 @@
-"""Measure along lines: intensity profiles, sub-pixel edges on them, and lines through many edges.
+"""Calipers and robust fits: intensity profiles, sub-pixel edges on them, and lines through many edges.
 
 An edge's place is the peak of the profile's derivative, smoothed by a Gaussian, refined by a parabola through the
 peak and its neighbours. On clean images that is good to a few hundredths of a pixel.

@@ -1,4 +1,4 @@
-"""Judge a round thing: whether one ellipse lies on its edge points, and along how much of it.
+"""Ellipse fit to edge points: whether one ellipse lies on them, and along how much of its contour.
 
 The camera looks obliquely, so a circle on the board is an ellipse. All radii here are semi-major; angles go round in
 the plane of the board, so that an undistorted pad is a constant radius plus a small second harmonic. What is taken is

@@ -1,4 +1,4 @@
-"""Images in: check them, reduce them to one channel, clean them.
+"""Image input: checks, reduction to one channel, cleaning.
 
 Every array is (H, W) or (H, W, 3), row first; x runs right, y runs down, pixel centres lie at integers.
 """

@@ -1,4 +1,4 @@
-"""What an image is worth: focus, exposure, contrast and noise, as numbers that maintenance can follow over months.
+"""Image quality: focus, exposure, contrast and noise, as numbers that maintenance can follow over months.
 
 A number is useful there if it moves when its cause moves and at nothing else. So focus is an inverse length, the
 narrowness of edges, which no gain and no contrast enters, and what noise adds to it is measured and taken off.

@@ -1,4 +1,4 @@
-"""What a search says when it has no answer: a falsy result with a reason."""
+"""Result of a search without an answer: a falsy value with a reason."""
 
 from __future__ import annotations
 

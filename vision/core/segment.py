@@ -1,4 +1,4 @@
-"""Cut an image into brightness classes (Otsu, two or more) and connected objects."""
+"""Segmentation: brightness classes (Otsu, two or more) and connected objects."""
 
 from __future__ import annotations
 

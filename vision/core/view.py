@@ -1,4 +1,4 @@
-"""How obliquely the board is seen: the affine map between the image and the plane of the board.
+"""Oblique view of the board: the affine map between the image and the plane of the board.
 
 A circle on the board is an ellipse in the image whose minor axis lies along the probe. Radii are semi-major px.
 """

@@ -1,4 +1,4 @@
-"""Frames, maps and cameras: from pixels to micrometres."""
+"""Transforms, maps and cameras: from pixels to micrometres."""
 
 from vision.geometry.board_alignment import Alignment, align
 from vision.geometry.camera_model import Extrinsics, Intrinsics, Plane, back_project, project

@@ -1,4 +1,4 @@
-"""Where the board lies: CAD coordinates to robot coordinates, from three or more fiducials (thesis eq. 3.23, 6.10).
+"""Board alignment: CAD coordinates to robot coordinates, from three or more fiducials (thesis eq. 3.23, 6.10).
 
 A least-squares similarity through all fiducials. Its scale should be 1, and what it leaves at each fiducial should be
 no more than the axes and the camera scatter; whatever else is found is told as what it most likely is: the board's

@@ -1,4 +1,4 @@
-"""Where the camera is: the extrinsics from points of a known model and their pixels (thesis appendix A).
+"""Camera extrinsics: where the camera is, from points of a known model and their pixels (thesis appendix A).
 
 Appendix A walks downhill on `E = |f(x) - y0|^2` with the Jacobian of the projection, from a guess, until it converges:
 Gauss-Newton, whatever its name (Jacobi's iteration for diagonally dominant systems, which it cites, is another thing).

@@ -1,4 +1,4 @@
-"""The image of a plane as seen square on: distances in it are linear (thesis 3.3, figures 3.5, 3.7 and 3.8).
+"""Orthophoto: a plane as seen square on, so that distances in it are linear (thesis 3.3, figures 3.5, 3.7 and 3.8).
 
 The thesis regenerates it "using a 2D rigid transformation" (eq. 3.23). That cannot be: a rigid transformation keeps the
 perspective of an oblique view. What removes it is the homography of the plane, `K (r1 r2 r3 z + t)` from eq. 3.24.

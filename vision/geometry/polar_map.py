@@ -1,4 +1,4 @@
-"""The thesis' own map from the image to the robot: an array of (d_im, omega) -> (d_w, gamma), eq. 6.3..6.6.
+"""Polar map, the thesis' own from the image to the robot: an array of (d_im, omega) -> (d_w, gamma), eq. 6.3..6.6.
 
 For each head angle of the calibration a row; for each of some directions omega in the image a column. An element
 keeps what one pixel in that direction is in um (distances are taken in proportion) and the direction gamma in which the

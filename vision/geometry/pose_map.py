@@ -1,4 +1,4 @@
-"""The map from the image to the robot: a planar projective model, turned by theta (thesis 6.2, 6.3).
+"""Pose map from the image to the robot: a planar projective model, turned by theta (thesis 6.2, 6.3).
 
 Camera, probe and head are one rigid body, so at one working height a pixel always shows the same place *relative to
 the tip*: a homography takes pixels to um in the head frame, and theta turns those into the robot's. The thesis keeps

@@ -1,4 +1,4 @@
-"""How high and how level the base, or a board on it, lies: a plane through heights measured at places (thesis 6.2).
+"""Surface plane: how high and how level the base, or a board on it, lies, from heights at places (thesis 6.2).
 
 The thesis compares the probe's image at random places of the metal base; what one has to know afterwards is the
 height at any place, how sure that is, and whether the base is flat at all.

@@ -1,4 +1,4 @@
-"""The tip on the turning head."""
+"""Model of the turning head: where the tip is at every angle."""
 
 from vision.head.fit import Choice, HeadFit, fit_head, head_positions_um, order_table
 from vision.head.model import CircleHead, Head, head_from_dict, head_to_dict, tip_offsets_um

@@ -1,4 +1,4 @@
-"""From a rotational record to a head: rows of (theta, x, y) in, a judged model out (thesis 6.2, figure 6.6, eq. 6.8).
+"""Fit of a head to a rotational record: rows of (theta, x, y) in, a judged model out (thesis 6.2, figure 6.6, eq. 6.8).
 
 At each head angle the robot brings the tip onto one resting control point C and logs the head's position, so
 `P(theta) = C - offset(theta)`. All arrays are (N,), um and degrees, one row per angle. Each model is judged by

@@ -1,4 +1,4 @@
-"""The head: where the tip is from the head's position, at every angle (thesis 6.2, figure 6.6, appendix D).
+"""Model of the head: tip minus head position, at every angle (thesis 6.2, figure 6.6, appendix D).
 
 Robot frame: right-handed, um, theta counter-clockwise about +Z in degrees. A perfect head moves the tip on a circle; a
 real one has run-out (appendix D's: 117 um rms, 363 um at most). Three kinds answer the same question behind one

@@ -1,4 +1,4 @@
-"""The total error of one rotational calibration, for maintenance (thesis eq. 6.7, 6.8, 6.9).
+"""Total error of one rotational calibration, for maintenance (thesis eq. 6.7, 6.8, 6.9).
 
 How the equations are read. With eq. 6.7 the error at one angle is the distance between where the head should have
 stood with the tip on the control point, x_R, and where it did, x_r,i. Eq. 6.8 sums the squares and takes the root at

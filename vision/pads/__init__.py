@@ -1,4 +1,4 @@
-"""TDEA: test points in the red image."""
+"""Search for test points in the red image (TDEA, thesis 5.4)."""
 
 from vision.pads.find import PROBE_MARGIN_PX, Seen, TestPoint, find_test_points
 from vision.pads.occlusion import probe_hides

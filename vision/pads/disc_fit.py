@@ -1,4 +1,4 @@
-"""Measure a disc, with or without a hole, on its pixels: the efficient estimate.
+"""Efficient measurement of a disc, with or without a hole, on its pixels.
 
 The model is the image itself: levels inside and outside that may slope, one blur, one ellipse a disc. Gauss-Newton on
 the pixels within a few px of the edges, weighted robustly, so that a trace, a probe, dirt or a neighbour drop out. On

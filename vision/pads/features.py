@@ -1,4 +1,4 @@
-"""What the rules ask about a disc: its levels, its hole, how much of it is bright, what goes on beyond it."""
+"""Features of a disc for the rules: its levels, its hole, how much of it is bright, what goes on beyond it."""
 
 from __future__ import annotations
 

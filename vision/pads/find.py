@@ -1,4 +1,4 @@
-"""TDEA: find the test points near the tip in a red-lit image, by taking and throwing (thesis 5.4).
+"""Search for the test points near the tip in a red-lit image, by taking and throwing (TDEA, thesis 5.4).
 
 Circles are proposed, measured on raw pixels and run through the rules together with everything else that is bright.
 What is taken is a test point, what is thrown is not, and an undecided object near the tip is a fault, never a guess.

@@ -1,4 +1,4 @@
-"""Find the hole in a pad: dark, round, near the middle; and tell what only looks like one."""
+"""Hole in a pad: dark, round, near the middle; and what only looks like one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Propose circles: every edge point votes for the centres it could belong to.
+"""Circle proposals (Hough): every edge point votes for the centres it could belong to.
 
 Votes are only seeds; `circle.fit_circle` measures. Unlike whole objects, votes stand a probe across the pad, a trace
 leading away from it, a hole in it, and a neighbour that touches it.

@@ -1,4 +1,4 @@
-"""How wide is what goes on beyond a circle: a trace, a stroke of which it is the end, a pad that touches."""
+"""Neck of a circle: how wide is what goes on beyond it, be it a trace, a stroke that ends there, a pad that touches."""
 
 from __future__ import annotations
 

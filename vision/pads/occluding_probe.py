@@ -1,4 +1,4 @@
-"""Find the probe in a red image of which only the tip is known: two edges that spread from it (thesis 5.3, eq. 5.7).
+"""Unknown probe in a red image of which only the tip is known: two edges that spread from it (thesis 5.3, eq. 5.7).
 
 A probe over a pad hides part of it. The daemon knows the probe from the white image; here it is enough that two
 straight edges begin beside the tip and spread upwards about where a probe is. Where they do, what lies between them is

@@ -1,4 +1,4 @@
-"""What the probe stands in front of: a pad there cannot be expected to be seen."""
+"""Occlusion by the probe: a pad behind it cannot be expected to be seen."""
 
 from __future__ import annotations
 

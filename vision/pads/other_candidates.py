@@ -1,4 +1,4 @@
-"""What is bright in the window but not round: strokes, rectangles, lettering, for the rules to throw by name."""
+"""Bright objects that are not round: strokes, rectangles, lettering, for the rules to throw by name."""
 
 from __future__ import annotations
 

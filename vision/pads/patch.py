@@ -1,4 +1,4 @@
-"""The pixels in and round a disc, laid out by their distance from its centre."""
+"""Pixels in and round a disc, laid out by their distance from its centre."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Find the round things in the window and measure what the rules ask about them."""
+"""Round objects of the window, with what the rules ask about them."""
 
 from __future__ import annotations
 

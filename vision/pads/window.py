@@ -1,4 +1,4 @@
-"""The part of a red image round the tip that is looked at, and what of it something may stand in front of."""
+"""Search window: the part of a red image round the tip, and what of it something may stand in front of."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""TEDA: the probe tip in the white image."""
+"""Search for the probe tip in the white image (TEDA, thesis 5.3)."""
 
 from vision.tip.find import Tip, find_tip
 from vision.tip.probe_model import ProbeModel, probe_outline

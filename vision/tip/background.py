@@ -1,4 +1,4 @@
-"""What the ground behind the probe does to the probe's edges; it may be darker than the metal, or brighter.
+"""Background of the probe: what it does to the probe's edges; it may be darker than the metal, or brighter.
 
 An edge is where the image is steepest. The metal's own light changes from the edge inwards, which moves that place by
 g s^2 / A: g the slope of the metal's light next to the edge, A the step from the ground up to the metal, s the blur.

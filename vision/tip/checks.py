@@ -1,4 +1,4 @@
-"""Is the measured probe the taught one? Each check finds out something that would make a wrong tip look right."""
+"""Checks of a measured probe against the taught one: each finds what would make a wrong tip look right."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Name what is wrong when the taught probe was not found: light, focus, direction, width, or no probe at all.
+"""Diagnosis of a failed tip search: light, focus, direction, width, or no probe at all.
 
 This runs only after a search has failed, so it may take its time; it never turns a refusal into a tip.
 """

@@ -1,4 +1,4 @@
-"""Find the probe's edges to a fraction of a pixel and fit the axis through all of them at once."""
+"""Edges of the probe to a fraction of a pixel, and the fit of the axis through all of them at once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""TEDA: find the end of the probe in a white-lit image (thesis 5.3).
+"""Search for the end of the probe in a white-lit image (TEDA, thesis 5.3).
 
 The end itself is a few dull pixels before a busy board, so it is not looked for. The probe is (golden template),
 its two straight edges give the bisector, the marking's lower rim gives a sharp mark on it, and the end lies the taught

@@ -1,4 +1,4 @@
-"""See past a glint on the black marking: what the columns it spares still show of the rims and of the levels.
+"""Glint on the black marking: what the columns it spares still show of the rims and of the levels.
 
 A soft bright blob lifts the marking's brightness, or draws a rim away, over part of the probe's width. This is tried
 only where the whole width has been refused, and what it returns has to pass every check again.

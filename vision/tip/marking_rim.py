@@ -1,4 +1,4 @@
-"""Find the rims of the black marking: where, along the probe, its brightness changes fastest."""
+"""Rims of the black marking: where, along the probe, its brightness changes fastest."""
 
 from __future__ import annotations
 

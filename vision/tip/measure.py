@@ -1,4 +1,4 @@
-"""Measure the probe near where the template and the votes put it: axis, rims, levels. No judgement is made here."""
+"""Measurement of the probe near where template and votes put it: axis, rims, levels. No judgement is made here."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tell where the taper points: its edges are looked for at every turn about the marking, not only straight ahead."""
+"""Orientation of the taper: its edges are looked for at every turn about the marking, not only straight ahead."""
 
 from __future__ import annotations
 

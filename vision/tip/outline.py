@@ -1,4 +1,4 @@
-"""Find a probe nobody has seen before, roughly: its direction, its marking, and its outline down to the end.
+"""Rough outline of a probe nobody has seen before: its direction, its marking, and its edges down to the end.
 
 Only what every such probe has is assumed: two edges at equal distances from one axis, a dark band across it, and a
 width that does not grow towards the end. Highlights make probes inside the probe, so the widest good one is taken.

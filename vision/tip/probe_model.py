@@ -1,4 +1,4 @@
-"""The taught probe: what it looks like, where it is expected, how far its end lies from its marking."""
+"""Model of the taught probe: what it looks like, where it is expected, how far its end lies from its marking."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The dim flank of a probe lit from one side: which it is, and where on it the light is down to half.
+"""Dim flank of a probe lit from one side: which it is, and where on it the light is down to half.
 
 The probe hides what lies behind it, so the place where its brightness falls to a share of its own metal's does not
 depend on the background; the flank's edge does, up to being lost before a board as bright as the flank.

@@ -1,4 +1,4 @@
-"""Do both sides of the probe tell of the taught one, all the way down? Where the ground hides one, the other must."""
+"""Checks of both sides of the probe, all the way down: where the ground hides one, the other must tell."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The taught outline of the probe: where its two edges were seen, row by row, from the axis.
+"""Silhouette of the taught probe: where its two edges were seen, row by row, from the axis.
 
 It is measured, not assumed: a taper may be straight or rounded, begin below the marking or right at it, and light from
 one side shifts the two edges differently. Whatever was there at teaching is there again when the probe is the same.

@@ -1,4 +1,4 @@
-"""Lay the probe straight: a strip of the image along it, and what can be read off its rows and columns.
+"""Straightened strip of the image along the probe, and what can be read off its rows and columns.
 
 Strip coordinates: u runs along the probe towards its end and is 0 where the end is expected, v runs across it,
 turned from u as y is from x.

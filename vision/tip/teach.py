@@ -1,4 +1,4 @@
-"""Teach a probe: from one white image and the operator's click on its end, measure what `find_tip` relies on.
+"""Teaching of a probe: from one white image and the operator's click on its end, what `find_tip` relies on.
 
 The end should stand before a dark, quiet background (thesis 5.3.6): edges are taught as they are seen there, and what a
 brighter ground does to them later is worked out from that (`background`). The click fixes only the distance h from the

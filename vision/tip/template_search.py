@@ -1,4 +1,4 @@
-"""Search the golden template around its taught place (thesis 5.3.3): where the probe is, roughly.
+"""Search for the golden template around its taught place (thesis 5.3.3): where the probe is, roughly.
 
 Only what the probe itself shows is compared, its marking and the light on its metal: what lies beside it may be darker
 or brighter than it was at teaching, and counts neither for nor against.

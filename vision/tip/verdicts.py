@@ -1,4 +1,4 @@
-"""The verdicts that several checks of a probe come to, each with what to do about it."""
+"""Verdicts that several checks of a probe come to, each with what to do about it."""
 
 from __future__ import annotations
 
