@@ -16,7 +16,7 @@ from daemon.station.station import LookResult, Station
 from daemon.storage.calibration_store import Calibrations
 from daemon.wire.operations.jobs import AnyJob
 from drivers.deadline import Deadline
-from vision.geometry.pose_map import PoseMap
+from vision.geometry import PoseMap
 
 
 @dataclass

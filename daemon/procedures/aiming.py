@@ -14,10 +14,8 @@ from daemon.jobs.context import JobContext, StationContext
 from daemon.station.station import LookResult, Search
 from drivers.gantry import Position
 from vision import NotFound, Reason, TestPoint, Tip
-from vision.geometry.constellation import ConstellationMatch, match_near, match_target
-from vision.geometry.frames import Array
-from vision.geometry.pose_map import Correction, PoseMap
-from vision.pads.occlusion import needle_hides
+from vision.geometry import Array, ConstellationMatch, Correction, PoseMap, match_near, match_target
+from vision.pads import probe_hides
 
 UNUSABLE = frozenset({Reason.TOO_DARK, Reason.SATURATED, Reason.BLURRED, Reason.OUT_OF_FRAME})
 STILL_UM = 45.0
@@ -163,7 +161,7 @@ def choose(
         return pose_map.from_tip_um(pixels, tip_px, theta, height_um=height_um) if pixels else np.empty((0, 2))
 
     def hidden(places: Array) -> Sequence[bool]:
-        return needle_hides(tip, pose_map.to_px(places, tip_px, theta, height_um=height_um), radius_px)
+        return probe_hides(tip, pose_map.to_px(places, tip_px, theta, height_um=height_um), radius_px)
 
     cad = lookalikes(point, look.position, context)
     pads = places_um([(p.x_px, p.y_px) for p in seen.taken])

@@ -17,10 +17,8 @@ from daemon.procedures.move_sequence import MoveSequence, shifted
 from daemon.storage.calibration_records import Aligned, AlignmentRecord
 from daemon.wire.operations.jobs import Align
 from drivers.gantry import Position
-from vision.geometry.board_alignment import Alignment
-from vision.geometry.board_alignment import align as fit_board
-from vision.geometry.frames import Array
-from vision.geometry.pose_map import PoseMap
+from vision.geometry import Alignment, Array, PoseMap
+from vision.geometry import align as fit_board
 
 LEAST = 3
 MAX_RESIDUAL_UM = 60.0

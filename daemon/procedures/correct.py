@@ -13,7 +13,7 @@ from daemon.jobs.context import JobContext, Outcome, StationContext
 from daemon.procedures.aiming import STILL_UM, UNCLEAR, Aim, Prior, known_beforehand, look_and_aim
 from daemon.wire.operations.jobs import Correct
 from drivers.gantry import Position
-from vision.geometry.pose_map import PoseMap
+from vision.geometry import PoseMap
 
 SIDESTEP_MARGIN_PX = 4.0
 

@@ -18,8 +18,7 @@ from daemon.domain.errors import Fault, FaultCode
 from daemon.procedures.aiming import require_tip
 from daemon.procedures.move_sequence import MoveSequence, shifted
 from drivers.gantry import Position
-from vision.geometry.frames import Array
-from vision.geometry.pose_map import PoseMap
+from vision.geometry import Array, PoseMap
 
 LOOKS = 2
 """Pictures of the tip at each depth; the mean of two is good to about 4 um of height."""

@@ -12,8 +12,8 @@ from daemon.config.model import Config
 from daemon.domain.board import Board
 from daemon.storage.calibration_store import Calibrations
 from drivers.gantry import Position
-from vision.geometry.frames import Array, rotation
-from vision.head.model import Head
+from vision.geometry import Array, rotation
+from vision.head import Head
 
 
 class Geometry:

@@ -21,7 +21,7 @@ from drivers.deadline import Deadline
 from drivers.gantry import Position
 from drivers.lights import Light
 from vision import ControlPoint, NotFound, ProbeModel, Seen, Tip, find_control_point, find_test_points, find_tip
-from vision.geometry.pose_map import PoseMap
+from vision.geometry import PoseMap
 
 HOMED_WITHIN_S = 2.0
 HEIGHT_WINDOW_UM = 5.0

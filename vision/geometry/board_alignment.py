@@ -1,4 +1,4 @@
-"""Where the board lies: CAD coordinates to robot coordinates, from three or more fiducials (thesis eq. 3.23, 6.10).
+"""Board alignment: CAD coordinates to robot coordinates, from three or more fiducials (thesis eq. 3.23, 6.10).
 
 A least-squares similarity through all fiducials. Its scale should be 1, and what it leaves at each fiducial should be
 no more than the axes and the camera scatter; whatever else is found is told as what it most likely is: the board's
@@ -107,13 +107,13 @@ def align(
     centre = board.mean(axis=0)
     scatter = math.sqrt(float((residuals**2).sum()) / (2 * len(board) - 4))
     return Alignment(
-        pose,
-        tuple(names),
-        residuals,
-        pose.rms,
-        max(scatter, least_scatter_um),
-        (float(centre[0]), float(centre[1])),
-        float(np.linalg.norm(board - centre)),
+        pose=pose,
+        names=tuple(names),
+        residuals_um=residuals,
+        rms_um=pose.rms,
+        scatter_um=max(scatter, least_scatter_um),
+        centre_um=(float(centre[0]), float(centre[1])),
+        spread_um=float(np.linalg.norm(board - centre)),
     )
 
 

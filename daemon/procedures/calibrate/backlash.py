@@ -15,7 +15,7 @@ from daemon.procedures.calibrate.targets import CalibrationTarget, Sighting
 from daemon.procedures.move_sequence import BELOW, MoveSequence, shifted
 from daemon.storage.calibration_records import AxisBacklash, BacklashRecord
 from drivers.gantry import Position
-from vision.geometry.pose_map import PoseMap
+from vision.geometry import PoseMap
 
 REPEATS = 8
 """Of each side; with stops that scatter by 6 um an axis, the backlash is then known to 3 um."""

@@ -17,8 +17,7 @@ from daemon.domain.errors import Fault, FaultCode
 from daemon.procedures.calibrate.targets import CalibrationTarget, Sighting
 from daemon.procedures.move_sequence import MoveSequence, shifted
 from drivers.gantry import Position
-from vision.geometry.frames import Array
-from vision.geometry.pose_map import MapPoint, PoseMap, fit_pose_map
+from vision.geometry import Array, MapPoint, PoseMap, fit_pose_map
 
 TABLE_6_1: Final = ((10.0, 300.0), (6.0, 200.0), (4.0, 100.0), (3.0, 50.0), (0.0, 30.0))
 """Distance seen, px, from which on a step is so long, um."""

@@ -15,8 +15,7 @@ from daemon.procedures.move_sequence import MoveSequence, shifted
 from daemon.procedures.surface_touch import heights_um, press
 from daemon.storage.calibration_records import SurfaceRecord, Touch
 from daemon.wire.operations.jobs import Calibrate
-from vision.geometry.frames import Array
-from vision.geometry.surface_plane import Surface, fit_plane
+from vision.geometry import Array, Surface, fit_plane
 
 PLANAR_WITHIN_UM = 50.0
 """Two pixels of the tip's place: the thesis' measure of the same height, on its camera."""

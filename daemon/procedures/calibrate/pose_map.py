@@ -10,7 +10,7 @@ from daemon.procedures.calibrate.commit import Began, keep
 from daemon.procedures.calibrate.map_walk import MapAcquisition
 from daemon.procedures.calibrate.targets import CalibrationTarget
 from daemon.storage.calibration_records import MapRecord, SeenTarget
-from vision.geometry.pose_map import MapPoint, PoseMap, worst_shrink
+from vision.geometry import MapPoint, PoseMap, worst_shrink
 
 MAX_RESIDUAL_UM = 15.0
 """Beyond this the map is refused: repeatability and vision together leave about 8 um."""

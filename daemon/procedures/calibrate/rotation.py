@@ -26,10 +26,8 @@ from daemon.procedures.move_sequence import MoveSequence, shifted
 from daemon.storage.calibration_records import Circle, RotationRecord, TrialLanding
 from daemon.storage.calibration_resume import Partial
 from daemon.wire.operations.jobs import Calibrate
-from vision.geometry.pose_map import PoseMap
-from vision.head.fit import Choice, HeadFit, fit_head
-from vision.head.model import Head, head_to_dict
-from vision.head.total_error import total_error_um
+from vision.geometry import PoseMap
+from vision.head import Choice, Head, HeadFit, fit_head, head_to_dict, total_error_um
 
 CHECKS = 8
 """Landings by which the new model is tried."""

@@ -20,9 +20,8 @@ from daemon.procedures.surface_touch import card_height_um
 from daemon.storage.calibration_records import SeenTarget, Stop, TrialLanding
 from daemon.storage.calibration_resume import Partial
 from drivers.gantry import Position
-from vision.geometry.frames import Array
-from vision.geometry.pose_map import PoseMap
-from vision.head.model import Head
+from vision.geometry import Array, PoseMap
+from vision.head import Head
 
 NEAR_UM = 60.0
 """From this near one look measures the rest; from farther away the tip is walked nearer first."""

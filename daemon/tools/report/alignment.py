@@ -12,7 +12,7 @@ from daemon.procedures.align import MAX_RESIDUAL_UM, MAX_SCALE_ERROR
 from daemon.storage.calibration_records import AlignmentRecord
 from daemon.tools.report.page import Number, PageVerdict, Plot
 from daemon.tools.report.svg import INK, MAIN, SECOND, TIMES, new_figure, to_svg
-from vision.geometry.frames import Array
+from vision.geometry import Array
 
 SUBJECT: Final = "Alignment of the board"
 SCALE_LIMIT_PPM: Final = MAX_SCALE_ERROR * 1e6
