@@ -13,7 +13,7 @@ from daemon.config.model import AxisSection, BusSection, CameraSection, Config, 
 from drivers.bus import Line, ModbusBus, OdAddressing, SerialLine, TcpLine
 from drivers.camera import Camera, CameraConfig, StreamCamera, V4L2Camera
 from drivers.deadline import Deadline
-from drivers.errors import DeviceError, DriveFault, LimitHit
+from drivers.errors import DeviceError, EmergencyStop, LimitHit, MotionError
 from drivers.gantry import Gantry, GantryConfig
 from drivers.l4118 import Axis, AxisConfig, AxisFindings, AxisHealth, HomingConfig
 from drivers.lights import Light, Lights, ModbusRelayLights, SerialRelayLights
@@ -50,24 +50,23 @@ class Hardware:
     async def recover(self, deadline: Deadline, *, reference_lost: bool) -> None:
         """Clear what the drives hold and darken; raise what is still wrong. Moves nothing.
 
-        A drive in fault had no power on its motor: its axis may stand elsewhere, so all have to be homed again.
+        A drive in trouble had no power on its motor: its axis may stand elsewhere, so all have to be homed again.
         """
-        if reference_lost or any(axis.error_code for axis in await self.gantry.health(deadline)):
+        if reference_lost or any(axis.trouble() for axis in await self.gantry.health(deadline)):
             await self.gantry.forget_homing(deadline)
         await self.gantry.reset(deadline)
         await self.gantry.start(deadline)
         await self.lights.set(Light.OFF, deadline)
 
     async def check_health(self, deadline: Deadline) -> None:
-        """Raise if a drive is in fault or stands on a limit switch."""
+        """Raise if a drive is in fault, was switched off from outside, lost its power, or stands on a limit switch.
+
+        Of several troubles an emergency stop is raised first: the others may be its consequences.
+        """
         self.axes = await self.gantry.health(deadline)
-        for axis in self.axes:
-            if axis.error_code or axis.state.lower().startswith("fault"):
-                raise DriveFault(
-                    f"{axis.error_meaning} ({axis.error_code:04X}h)", device=axis.name, code=axis.error_code
-                )
-            if axis.homed and (axis.negative_limit or axis.positive_limit):
-                raise LimitHit("stands on a limit switch", device=axis.name)
+        troubles = [trouble for axis in self.axes if (trouble := _trouble(axis))]
+        for trouble in sorted(troubles, key=lambda one: not isinstance(one, EmergencyStop)):
+            raise trouble
 
     async def close(self, deadline: Deadline) -> None:
         """Stop motion, go dark, let go of everything; what fails is logged, the rest goes on."""
@@ -80,6 +79,11 @@ class Hardware:
             await self._stack.aclose()
         except DeviceError as exc:
             log.error("not_closed", error=str(exc), remaining_s=deadline.remaining_s)
+
+
+def _trouble(axis: AxisHealth) -> MotionError | None:
+    on_limit = axis.homed and (axis.negative_limit or axis.positive_limit)
+    return axis.trouble() or (LimitHit("stands on a limit switch", device=axis.name) if on_limit else None)
 
 
 async def open_hardware(config: Config, deadline: Deadline) -> Hardware:
