@@ -180,11 +180,12 @@ async def test_a_cancelled_move_stops_every_axis(homed: Machine, soon: Deadline)
     [
         (lambda m: m.drives["y"].fail(0x3210, 0x01003210), DriveFault),
         (lambda m: setattr(m.drives["y"], "stuck", True), Stalled),
-        (lambda m: m.drives["y"].power_cycle(), NotHomed),
+        (lambda m: m.drives["y"].power_cycle(), EmergencyStop),
+        (lambda m: m.drives["y"].fail(0x3220, 0x03043220), EmergencyStop),
         (lambda m: setattr(m.drives["y"], "silent", True), LinkError),
         (lambda m: m.line.unplug(), LinkError),
     ],
-    ids=["fault", "stuck", "power cut", "silent", "cable out"],
+    ids=["fault", "stuck", "power cut", "supply cut", "silent", "cable out"],
 )
 async def test_one_failing_axis_stops_the_others(
     homed: Machine, soon: Deadline, spoil: Callable[[Any], object], error: type[DeviceError]
@@ -251,6 +252,16 @@ async def test_an_axis_that_slipped_is_found_at_the_end(homed: Machine, soon: De
     homed.drives["z"].log = SlipsWhenZComesDown()
     with pytest.raises(Stalled, match=r"Y: y is at 40015.2588, \+15.2588 off its target"):
         await homed.gantry.move_to(PLACE, soon)
+
+
+async def test_a_reference_lost_at_rest_is_named_by_its_axis(homed: Machine, soon: Deadline) -> None:
+    """It should say which drive lost its power, and ask for homing once that is dealt with."""
+    homed.drives["z"].power_cycle()
+    with pytest.raises(EmergencyStop, match="lost power") as caught:
+        await homed.gantry.homed(soon)
+    assert caught.value.device == "Z"
+    await homed.gantry.forget_homing(soon)
+    assert not await homed.gantry.homed(soon)
 
 
 async def test_health_and_reset_go_over_all_axes(homed: Machine, soon: Deadline) -> None:
