@@ -1,4 +1,4 @@
-"""From one look to one decision: where the target is from the tip, in um, or why that cannot be said."""
+"""Aiming by one look: where the target is from the tip, in um, or why that cannot be said."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Aim:
 def known_beforehand(context: StationContext) -> Prior | None:
     """Return what a station knows before its first look: something only if head and board have been calibrated."""
     aligned = context.calibrations.head is not None and context.calibrations.alignment(context.board) is not None
-    return Prior((0.0, 0.0), context.config.servo.trusted_um) if aligned else None
+    return Prior((0.0, 0.0), context.servo.trusted_um) if aligned else None
 
 
 async def look_and_aim(
@@ -103,11 +103,11 @@ async def _aim(
 ) -> Aim:
     """Take one look."""
     model = context.calibrations.require_probe()
-    servo = context.config.servo
+    servo = context.servo
     reach_um = servo.max_placement_um + servo.match_um
     height_um = context.geometry.height_below_um(position)
     search = Search.by_map(pose_map, model.tip_px, point, reach_um, height_um)
-    look = await context.station.look(position, model, search, job.watch, job.deadline)
+    look = await context.station.look(position, model, search, job)
     job.saw(look)
     try:
         tip = require_tip(look)
@@ -133,7 +133,7 @@ def require_tip(look: LookResult) -> Tip:
 
 
 def refuse_unusable(missing: NotFound) -> None:
-    """Raise if it is the picture itself that is no good: no other place helps then."""
+    """Raise `Fault` if it is the frame itself that is no good: no other place helps then."""
     if missing.reason in UNUSABLE:
         raise Fault(FaultCode.FRAME_UNUSABLE, missing.message, reason=missing.reason.value)
 
@@ -156,7 +156,7 @@ def choose(
         raise Fault(FaultCode.TEST_POINT_NOT_FOUND, "the red picture was not searched")
     if isinstance(seen.nearest, NotFound):
         refuse_unusable(seen.nearest)
-    servo, theta, tip_px = context.config.servo, look.position.theta_deg, (tip.x_px, tip.y_px)
+    servo, theta, tip_px = context.servo, look.position.theta_deg, (tip.x_px, tip.y_px)
     radius_px = point.diameter_um / 2 * pose_map.scale_px_per_um(tip_px)
 
     def places_um(pixels: list[tuple[float, float]]) -> Array:
@@ -206,7 +206,7 @@ def lookalikes(point: BoardPoint, position: Position, context: StationContext) -
 
     The nominal place of the target is taken as the origin: what the placement missed is what is to be found.
     """
-    servo = context.config.servo
+    servo = context.servo
     places = context.board.lookalikes_um(point, 3 * (servo.max_placement_um + servo.match_um))
     from_tip: Array = context.geometry.board_to_robot_um(places) - context.geometry.tip_um(position)
     return from_tip
