@@ -61,7 +61,7 @@ def _lying(world: World, turn_deg: float, dx_um: float, dy_um: float, scale: flo
     centre = np.mean([(x, y) for _, x, y in FIDUCIALS], axis=0)
     c, s = scale * math.cos(math.radians(turn_deg)), scale * math.sin(math.radians(turn_deg))
     turned = Similarity2(c, s, 0.0, 0.0, 0.0).apply(centre)
-    tx_um, ty_um = nominal.apply(centre) + (dx_um, dy_um) - turned
+    tx_um, ty_um = np.add(nominal.apply(centre), (dx_um, dy_um)) - turned
     world.true_pose = Similarity2(c, s, float(tx_um), float(ty_um), 0.0)  # type: ignore[assignment]
 
 
