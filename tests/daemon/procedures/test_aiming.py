@@ -395,6 +395,16 @@ async def test_neighbours_are_believed_as_far_as_the_place_is_trusted(lonely: Wo
     assert (await _aim(lonely, NEAR)).target.rule == rule
 
 
+async def test_a_pad_its_neighbour_confirms_is_taken_though_something_doubtful_lies_beside_it(tmp_path: Path) -> None:
+    """B lies 110 um to the right: within the tolerance seen from the pad, not from the thing 30 um left of it."""
+    world = _world(tmp_path, a_board(("A", 10_000.0, 5_000.0), ("B", 10_500.0, 5_100.0)))
+    world.put_beside("A", (10.0, 0.0))
+    world.hidden = {"B"}
+    world.strays_um = [(10_610.0, 5_100.0, 500.0)]
+    world.doubtful_um = [(9_970.0, 5_000.0, 500.0)]
+    assert (await _aim(world, Prior((0.0, 0.0), STILL_UM, firm=True))).error_um == pytest.approx(10.0, abs=0.05)
+
+
 async def test_a_far_pad_is_taken_where_nothing_lies_at_the_known_place_and_that_is_not_firm(lonely: World) -> None:
     _shifted(lonely, 400.0, 0.0)
     assert (await _aim(lonely, NEAR)).shift_um == pytest.approx((400.0, 0.0), abs=0.1)

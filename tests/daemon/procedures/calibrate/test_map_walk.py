@@ -131,9 +131,8 @@ async def test_how_far_the_lift_scatters_is_kept_as_its_uncertainty(world: World
     rng = np.random.default_rng(7)
     noise = [(float(rng.normal(0, 0.1)), float(rng.normal(0, 0.3))) for _ in range(2 * LIFTS)]
     count = 3 + WALK
-    world.noise_px = lambda: (
-        noise[len(world.station.searches) - count - 1] if len(world.station.searches) > count else (0.0, 0.0)
-    )
+    by_look = {count + 1 + n: error for n, error in enumerate(noise)}
+    world.noise_px = lambda: by_look.get(len(world.station.searches), (0.0, 0.0))
     await _map(world)
     found = world.context.require_map()
     lifts = np.array([np.subtract(noise[2 * k + 1], noise[2 * k]) for k in range(LIFTS)]) + BELOW_PX
@@ -260,8 +259,8 @@ async def test_a_target_hidden_at_first_is_searched_round_its_place(world: World
     offsets = [o[:2] for o in _offsets(world)]
     assert offsets[: hidden + 1] == [pytest.approx(step) for step in SEARCH_STEPS[: hidden + 1]]
     start = np.array(SEARCH_STEPS[hidden])
-    assert offsets[hidden + 1] == pytest.approx(start + (300.0, 0.0))
-    assert offsets[hidden + 2] == pytest.approx(start + (0.0, 300.0))
+    assert offsets[hidden + 1] == pytest.approx(np.add(start, (300.0, 0.0)))
+    assert offsets[hidden + 2] == pytest.approx(np.add(start, (0.0, 300.0)))
 
 
 async def test_a_hidden_step_is_taken_the_other_way(world: World) -> None:
