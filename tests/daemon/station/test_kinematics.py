@@ -1,108 +1,81 @@
-"""Where the tip, the board and its surface are: as configured, and as calibrated the moment that is stored."""
+"""The places the station goes to follow from head, board and surface, as calibrated, else as configured."""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from daemon.config.model import Config, load_config
-from daemon.domain.board import Board
 from daemon.station.kinematics import Geometry
-from daemon.storage.calibration_records import AlignmentRecord
-from daemon.storage.calibration_store import Calibrations
 from drivers.gantry import Position
-from vision.geometry.surface_plane import Surface
+from tests.daemon.procedures.fake_station import WORK_Z_UM, World, a_board
+from vision.geometry.frames import Rigid2
 from vision.head.model import CircleHead
 
-EXAMPLE = Path(__file__).parents[3] / "systemd" / "station.example.toml"
-BOARD = Board(name="b", side="top", width_um=60000.0, height_um=40000.0, points=())
-PLACE = (12000.0, 7000.0)
-SURFACE = Surface(50000.0, 40000.0, 30.0, 2.0, -3.0, np.zeros(4), np.ones(4, bool), np.zeros((3, 3)))
-ALIGNED = AlignmentRecord(
-    made_at="2026-01-01T00:00:00+00:00", station="s1", probe="", board="b", side="top",
-    job="j", seconds=1.0, looks=6, theta_deg=90.0, scale=2.0, tx_um=100.0, ty_um=-50.0, rms_um=3.0, fiducials=(),
-)  # fmt: skip
+PLACE_UM = (10_000.0, 5_000.0)
 
 
 @pytest.fixture
-def calibrations(tmp_path: Path) -> Calibrations:
-    return Calibrations(tmp_path, "s1")
+def world(tmp_path: Path) -> World:
+    return World(tmp_path, a_board(("A", *PLACE_UM)), {}).teach()
 
 
-@pytest.fixture
-def config(tmp_path: Path) -> Config:
-    text = EXAMPLE.read_text()
-    (tmp_path / "station.toml").write_text(text)
-    loaded = load_config(tmp_path / "station.toml")
-    board = loaded.board.model_copy(update={"origin_x_um": 80000.0, "origin_y_um": 60000.0, "rotation_deg": 180.0})
-    head = loaded.head.model_copy(update={"radius_um": 15000.0, "phase_deg": 0.0})
-    return loaded.model_copy(update={"board": board, "head": head})
+def test_without_calibration_the_board_lies_where_the_configuration_has_it(world: World) -> None:
+    assert world.geometry.nominal_um(PLACE_UM) == pytest.approx((70_000.0, 45_000.0))
+    assert world.geometry.board_to_robot_um(PLACE_UM) == pytest.approx((70_000.0, 45_000.0))
+    many = world.geometry.board_to_robot_um([PLACE_UM, (0.0, 0.0)])
+    assert many == pytest.approx(np.array([(70_000.0, 45_000.0), (60_000.0, 40_000.0)]))
 
 
-@pytest.fixture
-def geometry(config: Config, calibrations: Calibrations) -> Geometry:
-    return Geometry(config, BOARD, calibrations)
+def test_an_aligned_board_is_turned_scaled_and_shifted_and_the_nominal_place_stays(world: World) -> None:
+    world.with_alignment(Rigid2(90.0, 61_000.0, 42_000.0), scale=1.001)
+    assert world.geometry.board_to_robot_um(PLACE_UM) == pytest.approx((61_000.0 - 5_005.0, 42_000.0 + 10_010.0))
+    many = world.geometry.board_to_robot_um([PLACE_UM, (1_000.0, 0.0)])
+    assert many == pytest.approx(np.array([(55_995.0, 52_010.0), (61_000.0, 43_001.0)]))
+    assert world.geometry.nominal_um(PLACE_UM) == pytest.approx((70_000.0, 45_000.0))
 
 
-def test_a_board_never_aligned_lies_as_configured(geometry: Geometry) -> None:
-    assert geometry.board_to_robot_um(PLACE) == pytest.approx((68000.0, 53000.0))
-    assert geometry.nominal_um([PLACE, (0.0, 0.0)]) == pytest.approx(np.array([(68000.0, 53000.0), (80000.0, 60000.0)]))
+def test_the_alignment_of_another_board_does_not_count(world: World) -> None:
+    world.with_alignment(Rigid2(0.0, 0.0, 0.0))
+    other = world.board.model_copy(update={"name": "another"})
+    geometry = Geometry(world.config, other, world.calibrations)
+    assert geometry.board_to_robot_um(PLACE_UM) == pytest.approx((70_000.0, 45_000.0))
 
 
-def test_an_aligned_board_lies_as_it_was_seen_and_its_nominal_place_stays(
-    geometry: Geometry, calibrations: Calibrations
-) -> None:
-    calibrations.store(ALIGNED)
-    # Turned by 90 deg, twice as large, shifted
-    assert geometry.board_to_robot_um(PLACE) == pytest.approx((-14000.0 + 100.0, 24000.0 - 50.0))
-    both = geometry.board_to_robot_um([PLACE, (0.0, 0.0)])
-    assert both == pytest.approx(np.array([(-13900.0, 23950.0), (100.0, -50.0)]))
-    assert geometry.nominal_um(PLACE) == pytest.approx((68000.0, 53000.0))
+def test_the_head_stands_beside_a_place_by_the_tips_offset_at_working_height(world: World) -> None:
+    head = CircleHead(10_000.0, 0.0)
+    world.with_head(head)
+    assert world.geometry.head == head
+    over = world.geometry.position_over(PLACE_UM, 90.0)
+    assert (over.x_um, over.y_um) == pytest.approx((70_000.0, 35_000.0))
+    assert (over.z_um, over.theta_deg) == (WORK_Z_UM, 90.0)
+    assert world.geometry.position_at((1_000.0, 2_000.0), 0.0) == Position(-9_000.0, 2_000.0, WORK_Z_UM, 0.0)
 
 
-@pytest.mark.parametrize("other", [{"board": "c"}, {"side": "bottom"}])
-def test_the_alignment_of_another_board_or_side_is_not_used(
-    geometry: Geometry, calibrations: Calibrations, other: dict[str, str]
-) -> None:
-    calibrations.store(ALIGNED.model_copy(update=other))
-    assert geometry.board_to_robot_um(PLACE) == pytest.approx((68000.0, 53000.0))
+def test_the_configurations_head_counts_until_one_is_calibrated(world: World) -> None:
+    nominal = world.config.head.model()
+    assert world.geometry.head == nominal
+    assert world.geometry.tip_um(Position(100.0, 200.0, 0.0, 30.0)) == pytest.approx(
+        np.add((100.0, 200.0), nominal.tip_offset_um(30.0))
+    )
 
 
-def test_the_tip_goes_round_the_configured_circle_until_a_head_is_calibrated(
-    geometry: Geometry, calibrations: Calibrations
-) -> None:
-    at = Position(1000.0, 2000.0, 5000.0, 90.0)
-    assert geometry.tip_um(at) == pytest.approx((1000.0, 17000.0))
-    calibrations.head = CircleHead(10000.0, 90.0)
-    assert geometry.head is calibrations.head
-    assert geometry.tip_um(at) == pytest.approx((-9000.0, 2000.0))
+def test_over_a_place_the_tip_is_on_it_and_the_way_to_another_points_there(world: World) -> None:
+    over = world.geometry.position_over(PLACE_UM, 200.0)
+    assert world.geometry.tip_um(over) == pytest.approx((70_000.0, 45_000.0))
+    assert world.geometry.from_tip_um(PLACE_UM, over) == pytest.approx((0.0, 0.0), abs=1e-6)
+    assert world.geometry.from_tip_um((10_300.0, 4_900.0), over) == pytest.approx((300.0, -100.0))
 
 
-@pytest.mark.parametrize("theta_deg", [0.0, 77.0, 250.0])
-def test_the_head_goes_where_the_tip_is_over_the_place_at_working_height(
-    geometry: Geometry, config: Config, theta_deg: float
-) -> None:
-    over = geometry.position_over(PLACE, theta_deg)
-    assert (over.z_um, over.theta_deg) == (config.gantry.work_z_um, theta_deg)
-    assert geometry.tip_um(over) == pytest.approx((68000.0, 53000.0))
-    assert geometry.from_tip_um(PLACE, over) == pytest.approx((0.0, 0.0), abs=1e-6)
-
-
-def test_a_place_is_told_relative_to_the_tip(geometry: Geometry) -> None:
-    over = geometry.position_over(PLACE, 30.0)
-    beside = replace(over, x_um=over.x_um + 40.0, y_um=over.y_um - 70.0)
-    assert geometry.from_tip_um(PLACE, beside) == pytest.approx((-40.0, 70.0))
-
-
-def test_a_surface_never_measured_is_at_the_nominal_height_and_a_measured_one_where_it_was_found(
-    geometry: Geometry, calibrations: Calibrations
-) -> None:
-    at = geometry.position_at((51000.0, 42000.0), 120.0)
-    assert geometry.height_um((51000.0, 42000.0)) == geometry.height_below_um(at) == 0.0
-    calibrations.surface = SURFACE
-    # 1 mm along x rises by 2 um, 2 mm along y fall by 6 um
-    assert geometry.height_um((51000.0, 42000.0)) == pytest.approx(26.0)
-    assert geometry.height_below_um(at) == pytest.approx(26.0)
+def test_the_surface_is_flat_until_it_is_measured_then_its_height_is_that_below_the_tip(world: World) -> None:
+    over = world.geometry.position_over(PLACE_UM, 0.0)
+    assert world.geometry.height_um((70_000.0, 45_000.0)) == 0.0
+    assert world.geometry.height_below_um(over) == 0.0
+    world.with_surface(raised_um=25.0)
+    surface = world.calibrations.surface
+    assert surface is not None
+    assert world.geometry.height_below_um(over) == pytest.approx(surface.height_um(70_000.0, 45_000.0))
+    assert world.geometry.height_um((70_000.0, 45_000.0)) != pytest.approx(
+        world.geometry.height_um((45_000.0, 70_000.0))
+    )
