@@ -140,6 +140,16 @@ def test_an_almost_straight_view_still_shows_height() -> None:
     assert steep.height_from_shift_um((0.3, -0.4)) == pytest.approx(-200.0)
     assert steep.height_from_shift_um((-0.6, 0.8)) == pytest.approx(400.0)
     assert steep.height_from_shift_um((0.4, 0.3)) == pytest.approx(0.0)
+    steepest = replace(MAP, below_tip_px=(1e-3, 0.0))
+    assert steepest.height_from_shift_um((1e-3, 0.0)) == pytest.approx(-200.0)
+    with pytest.raises(ValueError, match="straight down"):
+        replace(MAP, below_tip_px=(0.9e-3, 0.0)).height_from_shift_um((1e-3, 0.0))
+
+
+def test_a_map_that_turns_no_hand_is_told_by_its_sign_however_fine_its_pixels() -> None:
+    assert not MAP.mirrored
+    assert not replace(MAP, homography=np.diag([0.5, -0.5, 1.0])).mirrored
+    assert replace(MAP, homography=np.diag([0.5, 0.5, 1.0])).mirrored
 
 
 def _sightings(n: int = 12, theta_deg: float = 0.0, reach_um: float = 600.0, wrong_um: float = 0.0) -> list[MapPoint]:
