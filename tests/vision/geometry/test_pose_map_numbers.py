@@ -167,7 +167,7 @@ def _sightings(n: int = 12, theta_deg: float = 0.0, reach_um: float = 600.0, wro
 
 @pytest.mark.parametrize("theta_deg", [0.0, 130.0])
 def test_a_fit_tells_how_far_it_reaches_from_below_the_tip(theta_deg: float) -> None:
-    found = fit_pose_map(_sightings(theta_deg=theta_deg), **GIVEN)
+    found = fit_pose_map(_sightings(theta_deg=theta_deg)[:9], **GIVEN)  # not evenly round the tip
     assert found.radius_um == pytest.approx(600.0)
     assert found.from_tip_um((432.0, 588.0), TIP_PX, 0.0) == pytest.approx((360.0, 300.0))
     assert (found.below_tip_px, found.below_sigma_px) == ((2.0, 8.0), 0.0)
