@@ -97,7 +97,7 @@ class Handlers:
         """Return the reply to what needs no waiting, else None."""
         return self._immediate(request, caller) if isinstance(request, ImmediateRequest) else None
 
-    async def handle(self, request: AnyRequest, caller: Caller) -> Reply:
+    async def handle(self, request: AnyRequest, caller: Caller) -> Reply:  # noqa: C901, PLR0912  # a case each
         """Return the reply, or raise `Fault`."""
         if OPERATIONS.row(request.op).deadline is DefaultDeadline.SHORT:
             due_at_s(request.deadline_ms, SHORT_S)
