@@ -145,7 +145,7 @@ class Handlers:
 
     def _status(self) -> StatusReply:
         service = self._service
-        jobs, calibrations = service.jobs, service.calibrations
+        jobs, calibrations = service.jobs, service.calibrations.in_force
         running = jobs.running
         return StatusReply(
             station=service.config.station.name,
@@ -158,7 +158,7 @@ class Handlers:
                 map_made_at=calibrations.mapped_at,
                 made_at=calibrations.made_at(),
                 aligned=calibrations.alignment(service.board) is not None,
-                not_used=calibrations.problems,
+                not_used=dict(calibrations.problems),
             ),
             pictures=service.pictures.full or "kept",
         )

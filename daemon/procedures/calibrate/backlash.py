@@ -41,7 +41,7 @@ async def measure_backlash(job: JobContext, context: StationContext, mark: Mark,
     record = BacklashRecord(
         **began.facts(job, context), x=x, y=y, approach_um=context.config.gantry.approach_um
     )  # fmt: skip
-    kept = await keep(context, record)
+    kept = await keep(job, context, record)
     return Outcome("calibrated", detail=_told(record) | kept)
 
 

@@ -9,7 +9,7 @@ from daemon.jobs.context import JobContext, StationContext
 from daemon.procedures.calibrate.commit import Began, keep
 from daemon.procedures.calibrate.map_walk import Walk
 from daemon.procedures.calibrate.targets import Mark
-from daemon.storage.calibration_records import MapRecord, SeenTarget
+from daemon.storage.calibration_records import MapLimits, MapRecord, SeenTarget
 from vision.geometry.pose_map import MapPoint, PoseMap, worst_shrink
 
 MAX_RESIDUAL_UM = 15.0
@@ -29,8 +29,9 @@ async def walk_and_keep(job: JobContext, context: StationContext, walk: Walk, ma
     record = MapRecord(
         **began.facts(job, context), mark=mark.name, theta_deg=walk.over.theta_deg, tip_px=walk.tip_px,
         sightings=tuple(_seen(s) for s in walk.sightings), pose_map=json.loads(pose_map.to_json()),
+        limits=MapLimits(residual_um=MAX_RESIDUAL_UM, left_share=MAX_LEFT),
     )  # fmt: skip
-    kept = await keep(context, record)
+    kept = await keep(job, context, record)
     return {
         "what": "map",
         "sightings": len(walk.sightings),
