@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Protocol
 
-from daemon.jobs.runner import JobRunner
+from daemon.jobs.fault_latch import FaultLatch
 from daemon.platform.memory import give_back_memory
 from daemon.telemetry.metrics import Metrics
 
@@ -15,21 +14,14 @@ REST_TURNS, AGAIN_TURNS = 4, 60
 and then now and again, for what a job leaves to do (pictures, a page) ends later than the job."""
 
 
-class Tended(Protocol):
-    """Whom this looks after."""
-
-    jobs: JobRunner
-    metrics: Metrics
-
-
-async def tend(daemon: Tended) -> None:
-    """Look after the daemon until cancelled."""
+async def keep_house(latch: FaultLatch, metrics: Metrics) -> None:
+    """Measure the loop's lag and give memory back, until cancelled."""
     loop = asyncio.get_running_loop()
     resting = 0
     while True:
         due_s = loop.time() + EVERY_S
         await asyncio.sleep(EVERY_S)
-        daemon.metrics.lag(max(0.0, loop.time() - due_s))
-        resting = 0 if daemon.jobs.running is not None else resting + 1
+        metrics.lag(max(0.0, loop.time() - due_s))
+        resting = 0 if latch.running is not None else resting + 1
         if resting % AGAIN_TURNS == REST_TURNS:
             await asyncio.to_thread(give_back_memory)

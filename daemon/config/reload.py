@@ -93,16 +93,16 @@ class Reloader:
         self,
         path: Path | None,
         current: Callable[[], Config],
-        between: AbstractAsyncContextManager[object],
+        exclusive: Callable[[], AbstractAsyncContextManager[object]],
         take_over: Callable[[Change], None],
         tell: Callable[[str, dict[str, object]], Awaitable[None]],
     ) -> None:
         """Take the file (None: there is none to read again) and the daemon's ways.
 
-        `between` is held while nothing may run, `take_over` puts the change in force, `tell(what, facts)` says how it
-        went: `begun`, `waits`, `refused`, `taken`.
+        `exclusive()` is held while nothing may run, `take_over` puts the change in force, `tell(what, facts)` says
+        how it went: `begun`, `waits`, `refused`, `taken`.
         """
-        self._path, self._current, self._between = path, current, between
+        self._path, self._current, self._exclusive = path, current, exclusive
         self._take_over, self._tell = take_over, tell
         self._asked = asyncio.Event()
 
@@ -124,7 +124,7 @@ class Reloader:
             return
         if busy():
             await self._tell("waits", {})
-        async with self._between:
+        async with self._exclusive():
             # Read once more: file and board may be others by now.
             change = await self._checked()
             if change is not None:

@@ -90,6 +90,12 @@ class FaultCode(Enum):
         return self.value.latched
 
 
+REFERENCE_LOST = frozenset(
+    {FaultCode.MOTION_FAILED, FaultCode.AXIS_STALLED, FaultCode.LIMIT_HIT, FaultCode.EMERGENCY_STOP}
+)
+"""After these an axis may not stand where its drive believes: only homing settles it."""
+
+
 class Fault(Exception):
     """Carry one kind of trouble with its message and its facts.
 

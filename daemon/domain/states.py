@@ -1,8 +1,11 @@
-"""The state machine of the daemon, whole, as data.
+"""The state machine of the daemon, as data, and its lifecycle.
 
 Everything that decides what may follow what stands in `TRANSITIONS`. A pair that is not listed raises
 `IllegalTransition` and changes nothing. `Machine` is the only writer of the current state; what a state *does*
-lives in the jobs. Calibration, homing and placing walk the same states, so there is no second machine.
+lives in the procedures. Calibration, homing and placing walk the same states, so there is no second machine.
+
+The state says what the station works at; the lifecycle says whether the daemon is up. They are two things: a daemon
+that opens its devices is in `fault` because nothing is known yet, and one that closes may still be in `idle`.
 """
 
 from __future__ import annotations
@@ -12,21 +15,39 @@ from enum import Enum
 
 
 class State(Enum):
-    """What the daemon is doing."""
+    """What the station works at."""
 
     IDLE = "idle"
+    """No job runs, and nothing speaks against the next one."""
     TRIGGERED = "triggered"
+    """A job has begun; what speaks against it is checked, nothing has moved."""
     LOOK = "look"
+    """Frames are taken and searched where the head is; nothing moves."""
     MOVE = "move"
+    """The head moves, or is about to."""
     VERIFY = "verify"
+    """The head has arrived; frames or drives are asked whether it is where it should be."""
     FAULT = "fault"
+    """Something speaks against any work: a latched fault, or that the devices are still being opened."""
+
+
+class Lifecycle(Enum):
+    """Whether the daemon is up."""
+
+    OPENING = "opening"
+    """The devices are being opened for the first time; jobs wait."""
+    READY = "ready"
+    """The devices were asked once: what is wrong is known as a fault, and jobs are run or refused."""
+    CLOSING = "closing"
+    """The daemon was told to end: new jobs are refused."""
 
 
 class Event(Enum):
-    """What can happen to it."""
+    """What can happen to it. A job that moves without a look before, as homing does, has `departed`."""
 
     TRIGGER = "trigger"
     ACCEPTED = "accepted"
+    DEPARTED = "departed"
     REFUSED = "refused"
     SEEN = "seen"
     ON_TARGET = "on_target"
@@ -44,6 +65,7 @@ TRANSITIONS: dict[State, dict[Event, State]] = {
     },
     State.TRIGGERED: {
         Event.ACCEPTED: State.LOOK,
+        Event.DEPARTED: State.MOVE,
         Event.REFUSED: State.IDLE,
         Event.CANCELLED: State.IDLE,
         Event.FAILED: State.FAULT,

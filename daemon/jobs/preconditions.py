@@ -8,9 +8,9 @@ from daemon.domain.results import ErrorBody
 from daemon.wire.requests import AnyJob
 
 
-def refuse_in_fault(request: AnyJob, latched: Fault | None) -> None:
-    """Refuse work in a latched fault, and name its first cause; homing is what cures `not_homed`."""
-    if latched is None or (request.op == "home" and latched.kind is FaultCode.NOT_HOMED):
+def refuse_in_fault(latched: Fault | None) -> None:
+    """Refuse work that a latched fault speaks against, and name its first cause."""
+    if latched is None:
         return
     raise Fault(
         FaultCode.IN_FAULT,

@@ -12,10 +12,11 @@ import asyncio
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from importlib import import_module
-from typing import Any, Protocol
+from typing import Any
 
 import structlog
 
+from daemon.config.current import CurrentSettings
 from daemon.config.model import Config
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.results import JobResult
@@ -47,17 +48,6 @@ TOUCHES_A_ROW = 20
 log = structlog.get_logger(__name__)
 
 
-class Watched(Protocol):
-    """The daemon that is watched."""
-
-    config: Config
-    calibrations: Calibrations
-
-    @property
-    def hardware(self) -> Hardware | None:
-        """The open devices."""
-
-
 @dataclass(frozen=True)
 class _Ended:
     """A job that was answered: its result, its steps, and the look whose pictures may be measured."""
@@ -81,12 +71,21 @@ class _Flagged:
 class Monitor(JobObserver):
     """Maintenance of one running daemon."""
 
-    def __init__(self, daemon: Watched, journal: Journal, events: Publisher) -> None:
-        self._daemon, self._journal, self._events = daemon, journal, events
-        self._panel = _panel(daemon.config)
+    def __init__(
+        self,
+        settings: CurrentSettings,
+        calibrations: Calibrations,
+        hardware: Callable[[], Hardware | None],
+        journal: Journal,
+        publisher: Publisher,
+    ) -> None:
+        """Take the settings and calibrations in force, and what gives the open devices, None while there are none."""
+        self._settings, self._calibrations, self._hardware = settings, calibrations, hardware
+        self._journal, self._publisher = journal, publisher
+        self._panel = _panel(settings.config)
         self.alerts = ActiveAlerts()
-        self._landings = Landings(daemon.config.head.phase_deg)
-        self._learned = Learned(daemon.calibrations)
+        self._landings = Landings(settings.config.head.phase_deg)
+        self._learned = Learned(calibrations)
         self._devices = Devices()
         self._queue: asyncio.Queue[_Ended | _Reported | _Flagged] = asyncio.Queue(QUEUE)
         self._steps: dict[str, list[Step]] = {}
@@ -174,7 +173,7 @@ class Monitor(JobObserver):
     def adopt(self) -> None:
         """Take over another configuration; what was learned stays."""
         learned = self._panel.to_dict()
-        self._panel = _panel(self._daemon.config)
+        self._panel = _panel(self._settings.config)
         self._panel.restore(learned)
 
     async def run(self) -> None:
@@ -182,7 +181,7 @@ class Monitor(JobObserver):
         while True:
             item: _Ended | _Reported | _Flagged | None = None
             try:
-                async with asyncio.timeout(self._daemon.config.maintenance.check_s):
+                async with asyncio.timeout(self._settings.config.maintenance.check_s):
                     item = await self._queue.get()
             except TimeoutError:
                 pass  # nothing happened for a while: look at devices and calibrations by themselves
@@ -228,7 +227,7 @@ class Monitor(JobObserver):
         if self._learned.changed_since_asked():
             self._landings.restart()
         numbers |= self._landings.numbers(item.result, item.steps)
-        model = self._daemon.calibrations.probe
+        model = self._calibrations.probe
         if model is not None:
             numbers |= of_looks(item.steps, model.tip_px)
             look = item.look
@@ -241,9 +240,9 @@ class Monitor(JobObserver):
     async def _judge(self, job: str, numbers: Numbers, *, devices: bool) -> None:
         """Write one row down, feed it, and tell what it changed."""
         words: dict[str, str] = {}
-        config = self._daemon.config
+        config = self._settings.config
         if devices:
-            hardware = self._daemon.hardware
+            hardware = self._hardware()
             if hardware is not None:
                 more, words = self._devices.read(hardware)
                 numbers = {**numbers, **more}
@@ -273,7 +272,7 @@ class Monitor(JobObserver):
             {"row": self._row, "corrections": self._corrections, "reported": self._reported,
              "probe": self._learned.to_dict(), "panel": self._panel.to_dict()},
         )  # fmt: skip
-        await self._journal.trim(self._daemon.config.maintenance.keep_rows)
+        await self._journal.trim(self._settings.config.maintenance.keep_rows)
 
     async def close(self) -> None:
         """Take in what still waits, without its pictures, and keep what was learned.
@@ -343,7 +342,7 @@ class Monitor(JobObserver):
         except Fault as exc:
             log.warning("alert_not_kept", name=alert.name, error=exc.message)
         if news is not None:
-            self._events.publish("alert", news.body, seq=self._journal.take_seq() if seq is None else seq)
+            self._publisher.publish("alert", news.body, seq=self._journal.take_seq() if seq is None else seq)
             tell: Callable[..., Any] = log.info if news.change in ("cleared", "acknowledged") else log.warning
             tell("alert", name=alert.name, change=news.change, message=news.alert.message)
 
@@ -369,7 +368,7 @@ class Monitor(JobObserver):
     def overview(self) -> dict[str, Any]:
         """Return the alerts that stand and how every watch stands."""
         facts = overview(self._panel, self.alerts.standing)
-        return {**facts, "touches": self._touches, "off": list(self._daemon.config.maintenance.off)}
+        return {**facts, "touches": self._touches, "off": list(self._settings.config.maintenance.off)}
 
 
 def _panel(config: Config) -> Panel:

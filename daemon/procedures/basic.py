@@ -21,8 +21,7 @@ async def home(job: JobContext, context: StationContext) -> Outcome:
     """Home all axes and see that the drives agree."""
     if not isinstance(job.request, Home):
         raise TypeError(job.request)
-    job.fire(Event.ACCEPTED)
-    job.fire(Event.SEEN)
+    job.fire(Event.DEPARTED)
     job.moves += 1
     await context.station.home(job.watch, job.deadline)
     job.fire(Event.ARRIVED)

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Protocol
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
 
-from daemon.config.model import Config
+from daemon.config.current import CurrentSettings
 from daemon.domain.board import Board
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.results import ErrorBody
 from daemon.domain.roles import Caller, may
-from daemon.domain.states import BUSY, Machine
+from daemon.jobs.fault_latch import FaultLatch
 from daemon.jobs.image_archive import ImageArchive
 from daemon.jobs.runner import JobRunner
 from daemon.maintenance.monitor import Monitor
@@ -66,31 +67,30 @@ from daemon.wire.requests import (
 )
 
 
-class Served(Protocol):
+@dataclass(frozen=True)
+class Collaborators:
     """What of the running daemon the operations ask."""
 
-    config: Config
-    machine: Machine
-    jobs: JobRunner
-    board: Board
+    settings: CurrentSettings
+    latch: FaultLatch
+    runner: JobRunner
+    reset: Callable[[], Awaitable[Fault | None]]
+    """Try to leave a fault; return what still speaks against it."""
     calibrations: Calibrations
-    pictures: ImageArchive
+    images: ImageArchive
     metrics: Metrics
     monitor: Monitor
-
-    def vitals(self) -> Vitals:
-        """Read what is so at present."""
-
-    async def reset(self) -> Fault | None:
-        """Try to leave a fault; return what still speaks against it."""
+    journal: Journal
+    vitals: Callable[[], Vitals]
+    """Read the present numbers."""
 
 
 class Handlers:
     """Answer requests for one daemon."""
 
-    def __init__(self, service: Served, journal: Journal) -> None:
-        self._service = service
-        self._journal = journal
+    def __init__(self, collaborators: Collaborators) -> None:
+        self._with = collaborators
+        self._journal = collaborators.journal
 
     def at_once(self, request: AnyRequest, caller: Caller) -> Reply | None:
         """Return the reply to what needs no waiting, else None."""
@@ -114,7 +114,7 @@ class Handlers:
                 return await self._other(request)
 
     async def _job(self, request: AnyJob, caller: Caller) -> Reply:
-        done = await self._service.jobs.submit(request, caller.client)
+        done = await self._with.runner.submit(request, caller.client)
         if not request.wait and not done.done():
             return JobReply(id=request.id)
         # Shielded: the future belongs to the job, and other clients may wait for the same one.
@@ -123,7 +123,7 @@ class Handlers:
     async def _other(self, request: AnyRequest) -> Reply:
         match request:
             case Cancel():
-                return CancelReply(cancelled=self._service.jobs.cancel(request.id))
+                return CancelReply(cancelled=self._with.runner.cancel(request.id))
             case Reset():
                 return await self._reset()
             case Result():
@@ -134,33 +134,33 @@ class Handlers:
                 return await self._report(request)
             case Alerts():
                 past = await self._journal.alerts(request.since, request.limit)
-                overview = self._service.monitor.overview()
+                overview = self._with.monitor.overview()
                 return AlertsReply(alerts=[PastAlert.model_validate(alert) for alert in past], **overview)
             case Acknowledge():
-                monitor = self._service.monitor
+                monitor = self._with.monitor
                 known = await monitor.acknowledge(request.alert, request.by, request.note, mended=request.mended)
                 return AcknowledgeReply(alert=AlertFacts.model_validate(known.to_dict()))
             case _:
                 raise Fault(FaultCode.UNKNOWN_OP)
 
     def _status(self) -> StatusReply:
-        service = self._service
-        jobs, calibrations = service.jobs, service.calibrations.in_force
-        running = jobs.running
+        runner, latch, calibrations = self._with.runner, self._with.latch, self._with.calibrations.in_force
+        running, fault = runner.running, latch.fault
         return StatusReply(
-            station=service.config.station.name,
-            state=service.machine.state.value,
-            fault=ErrorBody.of(jobs.fault) if jobs.fault else None,
-            running=Running(id=running.id, op=running.op, progress=jobs.progress) if running else None,
-            queued=jobs.queued,
+            station=self._with.settings.config.station.name,
+            state=latch.state.value,
+            lifecycle=latch.lifecycle.value,
+            fault=ErrorBody.of(fault) if fault else None,
+            running=Running(id=running.id, op=running.op, progress=runner.progress) if running else None,
+            queued=runner.queued,
             calibration=CalibrationState(
                 tip=calibrations.probe is not None,
                 map_made_at=calibrations.mapped_at,
                 made_at=calibrations.made_at(),
-                aligned=calibrations.alignment(service.board) is not None,
+                aligned=calibrations.alignment(self._with.settings.board) is not None,
                 not_used=dict(calibrations.problems),
             ),
-            pictures=service.pictures.full or "kept",
+            pictures=self._with.images.full or "kept",
         )
 
     async def _snapshot(self) -> SnapshotReply:
@@ -170,19 +170,19 @@ class Handlers:
         """
         next_seq = self._journal.upcoming_seq
         last, touches = await self._journal.last_result(), await self._journal.touches()
-        links = Links.model_validate(self._service.vitals().links())
+        links = Links.model_validate(self._with.vitals().links())
         status = self._status()
         facts = {name: getattr(status, name) for name in StatusReply.model_fields}
         return SnapshotReply(**facts, next_seq=next_seq, last_result=last, touches=touches, links=links)
 
     def _describe(self, caller: Caller) -> DescribeReply:
-        service = self._service
-        api = service.config.api
+        config, board = self._with.settings.config, self._with.settings.board
+        api = config.api
         return DescribeReply(
-            station=service.config.station.name,
+            station=config.station.name,
             ops=list(OPS),
             events=api.events,
-            board=_board_facts(service.board),
+            board=_board_facts(board),
             errors=[
                 ErrorFacts(code=k.code, name=k.wire_name, cause=k.value.cause, advice=k.value.advice) for k in FaultCode
             ],
@@ -196,9 +196,7 @@ class Handlers:
         )  # fmt: skip
 
     async def _reset(self) -> Reply:
-        if self._service.machine.state in BUSY:
-            raise Fault(FaultCode.BUSY, "a job runs; cancel it first")
-        fault = await self._service.reset()
+        fault = await self._with.reset()
         if fault is not None:
             raise fault
         return self._status()
@@ -213,8 +211,8 @@ class Handlers:
         if request.id is not None and await self._journal.job(request.id) is None:
             raise Fault(FaultCode.UNKNOWN_JOB, f"no job {request.id!r}"[:200], id=request.id)
         await self._journal.add_report(request.id, request.retest, request.touches)
-        self._service.metrics.report(request.retest, request.touches)
-        self._service.monitor.on_touches(request.touches)
+        self._with.metrics.report(request.retest, request.touches)
+        self._with.monitor.on_touches(request.touches)
         return ReportReply(touches=await self._journal.touches())
 
 

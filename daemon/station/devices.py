@@ -47,13 +47,12 @@ class Hardware:
         """What the drives said of themselves when they were last asked."""
         self._stack = stack
 
-    async def recover(self, deadline: Deadline, *, reference_lost: bool) -> None:
-        """Clear what the drives hold and darken; raise what is still wrong. Moves nothing.
+    async def in_error(self, deadline: Deadline) -> bool:
+        """Tell whether a drive holds an error: it had no power on its motor, so that its axis may stand elsewhere."""
+        return any(axis.error_code for axis in await self.gantry.health(deadline))
 
-        A drive in fault had no power on its motor: its axis may stand elsewhere, so all have to be homed again.
-        """
-        if reference_lost or any(axis.error_code for axis in await self.gantry.health(deadline)):
-            await self.gantry.forget_homing(deadline)
+    async def recover(self, deadline: Deadline) -> None:
+        """Clear what the drives hold and darken; raise what is still wrong. Moves nothing."""
         await self.gantry.reset(deadline)
         await self.gantry.start(deadline)
         await self.lights.set(Light.OFF, deadline)

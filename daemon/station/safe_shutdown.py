@@ -9,16 +9,12 @@ import asyncio
 
 import structlog
 
-from daemon.domain.errors import Fault, FaultCode
+from daemon.domain.errors import REFERENCE_LOST, Fault, FaultCode
 from daemon.station.devices import Hardware
 from daemon.station.station import Station
 from drivers.deadline import Deadline
 from drivers.errors import DeviceError
 
-REFERENCE_LOST = frozenset(
-    {FaultCode.MOTION_FAILED, FaultCode.AXIS_STALLED, FaultCode.LIMIT_HIT, FaultCode.EMERGENCY_STOP}
-)
-"""After these an axis may not stand where its drive believes: only homing settles it."""
 UNSURE = REFERENCE_LOST | {FaultCode.LINK_LOST, FaultCode.DEVICE_REFUSED, FaultCode.NOT_HOMED}
 """In these faults nothing is moved by itself, not even away from the board: a person looks first."""
 ASK_WITHIN_S = 1.5

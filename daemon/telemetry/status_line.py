@@ -1,28 +1,19 @@
-"""How the daemon stands, in the one line that `systemctl status` shows: state, fault, last result, configuration."""
+"""The status line of `systemctl status`: state, fault, last result, configuration."""
 
 from __future__ import annotations
 
-from typing import Protocol
-
 from daemon.domain.errors import Fault
 from daemon.domain.results import JobResult
-from daemon.domain.states import BUSY, Machine
-from daemon.jobs.runner import JobRunner
+from daemon.domain.states import BUSY
+from daemon.jobs.fault_latch import FaultLatch
 from daemon.platform.systemd_notify import Notifier
-
-
-class Stands(Protocol):
-    """Whose standing is told."""
-
-    machine: Machine
-    jobs: JobRunner
 
 
 class StatusLine:
     """Keep the service manager told."""
 
-    def __init__(self, daemon: Stands, notifier: Notifier) -> None:
-        self._daemon, self._notifier = daemon, notifier
+    def __init__(self, latch: FaultLatch, notifier: Notifier) -> None:
+        self._latch, self._notifier = latch, notifier
         self._last: JobResult | None = None
         self._note = ""
         self._up = False
@@ -44,17 +35,16 @@ class StatusLine:
         self.refresh()
 
     def refresh(self) -> None:
-        """Tell what is so now, once the start is over."""
+        """Tell the line as it is now, once the start is over."""
         if self._up:
             self._notifier.status(self.line())
 
     def line(self) -> str:
         """Return the line."""
-        daemon = self._daemon
-        state, fault, running = daemon.machine.state, daemon.jobs.fault, daemon.jobs.running
+        state, fault, running = self._latch.state, self._latch.fault, self._latch.running
         now = state.value
         if running is not None and state in BUSY:
-            now = f"{state.value} ({running.op} {running.id})"
+            now = f"{state.value} ({' '.join(running)})"
         elif fault is not None:
             now = f"{state.value}: {fault.kind.wire_name}, {_brief(fault)}"
         parts = [now, f"last: {_of(self._last)}" if self._last is not None else "", self._note]

@@ -1,4 +1,4 @@
-"""What is so at present: the numbers that a scrape, a snapshot and the support bundle show.
+"""Vital signs of the running daemon: the numbers that a scrape, a snapshot and the support bundle show.
 
 Reading them costs no I/O but one look at the journal's size, and is safe from another thread: whatever is read is
 replaced whole, never changed in place.
@@ -7,12 +7,13 @@ replaced whole, never changed in place.
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
-from daemon.jobs.runner import JobRunner
+from daemon.jobs.fault_latch import FaultLatch
 from daemon.station.devices import Hardware
 from daemon.storage.calibration_store import Calibrations
 
@@ -36,31 +37,32 @@ class Vitals:
         return {"buses": self.buses, "camera": self.camera}
 
 
-class Read(Protocol):
-    """What is looked at."""
+@dataclass(frozen=True)
+class VitalsReader:
+    """Where a reading comes from."""
 
-    jobs: JobRunner
+    latch: FaultLatch
+    queued: Callable[[], int]
+    """How many jobs wait."""
     calibrations: Calibrations
+    hardware: Callable[[], Hardware | None]
+    """The open devices, None while there are none."""
+    data_dir: Path
 
-    @property
-    def hardware(self) -> Hardware | None:
-        """The open devices."""
-
-
-def read_vitals(service: Read, data_dir: Path) -> Vitals:
-    """Read once."""
-    fault, hardware = service.jobs.fault, service.hardware
-    now = datetime.now(UTC)
-    made_at = dict(service.calibrations.made_at())
-    return Vitals(
-        fault=fault.kind.wire_name if fault else None,
-        waiting=service.jobs.queued,
-        threads=threading.active_count(),
-        journal_bytes=_size(data_dir / "journal.sqlite") + _size(data_dir / "journal.sqlite-wal"),
-        calibration_age_s={k: (now - datetime.fromisoformat(at)).total_seconds() for k, at in made_at.items()},
-        buses=_buses(hardware) if hardware else {},
-        camera=asdict(hardware.camera.statistics()) if hardware else {},
-    )
+    def read(self) -> Vitals:
+        """Read once; from any thread."""
+        fault, hardware = self.latch.fault, self.hardware()
+        now = datetime.now(UTC)
+        made_at = dict(self.calibrations.made_at())
+        return Vitals(
+            fault=fault.kind.wire_name if fault else None,
+            waiting=self.queued(),
+            threads=threading.active_count(),
+            journal_bytes=_size(self.data_dir / "journal.sqlite") + _size(self.data_dir / "journal.sqlite-wal"),
+            calibration_age_s={k: (now - datetime.fromisoformat(at)).total_seconds() for k, at in made_at.items()},
+            buses=_buses(hardware) if hardware else {},
+            camera=asdict(hardware.camera.statistics()) if hardware else {},
+        )
 
 
 def _buses(hardware: Hardware) -> dict[str, dict[str, int]]:

@@ -78,6 +78,7 @@ class StatusReply(Reply):
 
     station: str
     state: str = Field(description="idle, triggered, look, move, verify or fault")
+    lifecycle: str = Field(description="opening (the devices are opened for the first time), ready or closing")
     fault: ErrorBody | None = Field(description="the first cause, while in fault")
     running: Running | None
     queued: int = Field(description="jobs that wait")

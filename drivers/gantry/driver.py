@@ -1,7 +1,7 @@
 """X, Y, Z and theta as one machine: safe paths, coordinated waits, every axis stopped when one fails."""
 
 import asyncio
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Iterable, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import replace
 
@@ -160,10 +160,13 @@ class Gantry:
         if failures:
             raise failures[0]
 
-    async def forget_homing(self, deadline: Deadline) -> None:
-        """Make every axis need its homing run again; what moves the machine refuses until then."""
-        for axis in self._axes.values():
-            await axis.forget_homing(deadline)
+    async def forget_homing(self, deadline: Deadline, axes: Iterable[str] = AXES) -> None:
+        """Make axes need their homing run again; what moves the machine refuses until then.
+
+        Each is read back; the first that does not confirm is raised, and those after it were not asked.
+        """
+        for name in axes:
+            await self._axes[name].forget_homing(deadline)
 
     async def reset(self, deadline: Deadline) -> None:
         """Clear the faults of all drives; raise DriveFault when a cause is still there. Moves nothing."""

@@ -24,7 +24,8 @@ ALERT: Final[dict[str, Any]] = {
     "updated_at": _AT, "acknowledged": None,
 }  # fmt: skip
 _STATUS: Final[dict[str, Any]] = {
-    "station": "station-1", "state": "idle", "fault": None, "running": None, "queued": 0, "pictures": "kept",
+    "station": "station-1", "state": "idle", "lifecycle": "ready", "fault": None, "running": None, "queued": 0,
+    "pictures": "kept",
     "calibration": {"tip": True, "map_made_at": _AT, "made_at": {"map": _AT}, "aligned": True, "not_used": {}},
 }  # fmt: skip
 _TAKEN: Final[dict[str, Any]] = {"accepted": True}

@@ -116,7 +116,7 @@ class Daemon:
         self.config = config
         self.between = asyncio.Lock()
         self.said: asyncio.Queue[tuple[str, dict[str, object]]] = asyncio.Queue()
-        self.reloader = Reloader(file, lambda: self.config, self.between, self.take, self.tell)
+        self.reloader = Reloader(file, lambda: self.config, lambda: self.between, self.take, self.tell)
 
     def take(self, change: Change) -> None:
         assert self.between.locked()

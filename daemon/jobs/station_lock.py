@@ -1,0 +1,37 @@
+"""The lock of the station: one job, reset, reload or health check at a time, and which of them holds it."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Literal
+
+Holder = Literal["job", "archive", "reset", "reload", "health check"]
+
+
+class StationLock:
+    """Who holds it may work with the devices, or change what jobs work with. Waiters come in turn."""
+
+    def __init__(self) -> None:
+        self._lock = asyncio.Lock()
+        self._holder: Holder | None = None
+
+    @property
+    def holder(self) -> Holder | None:
+        """Who holds it."""
+        return self._holder
+
+    def goes_on_as(self, holder: Holder) -> None:
+        """Say that who holds it does something else from here on: a job that was answered only keeps its images."""
+        self._holder = holder
+
+    @asynccontextmanager
+    async def hold(self, holder: Holder) -> AsyncIterator[None]:
+        """Wait for the lock and hold it inside."""
+        async with self._lock:
+            self._holder = holder
+            try:
+                yield
+            finally:
+                self._holder = None
