@@ -46,9 +46,7 @@ class JobResult(Told):
     seq: int = Field(description="number of the `result` event that carried it")
     station: str
     finished_at: str = Field(description="UTC, ISO 8601")
-    outcome: str = Field(
-        description="corrected, already_on_target, placed, looked, aligned, calibrated, homed or failed"
-    )
+    outcome: str = Field(description="one of the outcomes in the operation's row, or failed")
     test_point: str | None = None
     error_before_um: float | None = None
     error_after_um: float | None = None

@@ -14,7 +14,7 @@ from daemon.platform.clock import Stopwatch
 from daemon.station.kinematics import Geometry
 from daemon.station.station import LookResult, Station
 from daemon.storage.calibration_store import Calibrations
-from daemon.wire.requests import AnyJob
+from daemon.wire.operations.jobs import AnyJob
 from drivers.deadline import Deadline
 
 

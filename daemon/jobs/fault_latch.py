@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from daemon.domain.errors import REFERENCE_LOST, Fault, FaultCode
-from daemon.domain.states import BUSY, Event, Lifecycle, Machine, State
+from daemon.domain.states import BUSY, Event, IllegalTransition, Lifecycle, Machine, State
 
 AXES = ("x", "y", "z", "theta")
 
@@ -92,11 +92,14 @@ class FaultLatch:
 
     def latch(self, fault: Fault) -> None:
         """Stay in fault; the first cause is kept, and of one kind the first."""
+        self._add(fault)
+        self._enter_fault()
+
+    def _add(self, fault: Fault) -> None:
         if fault.kind in REFERENCE_LOST:
             self.doubt(AXES)
         if all(fault.kind is not known.kind for known in self._causes):
             self._causes = (*self._causes, fault)
-        self._enter_fault()
 
     def clear(self, taken: Iterable[Fault]) -> None:
         """Clear the faults that were taken for judging, once their causes are known to be gone; later ones stay."""
@@ -134,11 +137,15 @@ class FaultLatch:
 
     def begin(self, op: str, job_id: str) -> None:
         """Begin a job that nothing speaks against; homing leaves `not_homed` for as long as it runs."""
-        self._job = (op, job_id)
         if op == "home" and self.state is State.FAULT:
             self._set_aside, self._causes = self._causes, ()
             self._machine.fire(Event.CLEARED)
-        self._machine.fire(Event.TRIGGER)
+        self._job = (op, job_id)
+        try:
+            self._machine.fire(Event.TRIGGER)
+        except IllegalTransition:
+            self._job = None
+            raise
 
     def fire(self, event: Event) -> State:
         """Take one transition of the running job."""
@@ -152,13 +159,15 @@ class FaultLatch:
         homing = self._job is not None and self._job[0] == "home"
         if homing and event is Event.ON_TARGET:
             self._set_aside, self._doubtful = (), frozenset()
+        if found is not None:
+            self._add(found)
+        for cause in self._set_aside:
+            self._add(cause)
+        self._set_aside = ()
         if self.state in BUSY:
             self._machine.fire(event)
-        if found is not None:
-            self.latch(found)
-        set_aside, self._set_aside = self._set_aside, ()
-        for cause in set_aside:
-            self.latch(cause)
+        if self._causes:
+            self._enter_fault()
         self._job = None
         self._leave_if_clear()
 

@@ -16,7 +16,7 @@ import structlog
 from daemon.domain.results import JobResult
 from daemon.jobs.context import JobContext
 from daemon.station.station import LookResult
-from daemon.wire.requests import AnyJob, Look
+from daemon.wire.operations.jobs import AnyJob, Look
 from drivers.camera.contract import Pixels
 from vision import Tip
 from vision.annotate.draw import draw_control_point, draw_test_points, draw_tip

@@ -5,7 +5,7 @@ from __future__ import annotations
 from daemon.domain.board import Board
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.results import ErrorBody
-from daemon.wire.requests import AnyJob
+from daemon.wire.operations.jobs import AnyJob
 
 
 def refuse_in_fault(latched: Fault | None) -> None:

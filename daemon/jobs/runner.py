@@ -30,12 +30,13 @@ from daemon.platform.clock import utc_now
 from daemon.station.device_errors import as_fault, forget_frames
 from daemon.storage.journal import Journal
 from daemon.wire.deadline import due_at_s
-from daemon.wire.requests import AnyJob
+from daemon.wire.operations.jobs import AnyJob
+from daemon.wire.operations.table import OPERATIONS
 from drivers.deadline import Deadline
 
-LENGTHY = frozenset({"calibrate", "align"})
-"""Jobs of minutes, whose deadline is another one where the request brings none."""
 DARK_WITHIN_S = 2.0
+EXCLUSIVE_WITHIN_S = 60.0
+"""What a reset, a health check or a reload may take at most while a job waits for it."""
 log = structlog.get_logger(__name__)
 
 
@@ -112,7 +113,7 @@ class JobRunner:
             raise Fault(FaultCode.SHUTTING_DOWN)
         refuse_in_fault(self._latch.against(request.op))
         limits = self._with.limits()
-        lengthy = request.op in LENGTHY
+        lengthy = OPERATIONS.row(request.op).is_lengthy
         due_s = due_at_s(request.deadline_ms, limits.calibration_timeout_s if lengthy else limits.job_timeout_s)
         self._refuse_too_many(client, limits)
         context = self._with.context()
@@ -163,7 +164,8 @@ class JobRunner:
         """Run jobs until cancelled; cancelling stops the one under way safely."""
         while True:
             ticket = await self._next()
-            async with self._with.lock.hold("job"):
+            waiting = self._watchdog.patience(EXCLUSIVE_WITHIN_S)
+            async with self._with.lock.hold("job", every_s=self._watchdog.every_s, still_waiting=waiting):
                 self._watchdog.begin(ticket.due_s)
                 running = asyncio.create_task(self._run_one(ticket), name=f"job {ticket.request.id}")
                 try:

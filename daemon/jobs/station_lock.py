@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from typing import Literal
 
@@ -27,11 +27,22 @@ class StationLock:
         self._holder = holder
 
     @asynccontextmanager
-    async def hold(self, holder: Holder) -> AsyncIterator[None]:
-        """Wait for the lock and hold it inside."""
-        async with self._lock:
-            self._holder = holder
-            try:
-                yield
-            finally:
-                self._holder = None
+    async def hold(
+        self, holder: Holder, *, every_s: float | None = None, still_waiting: Callable[[], None] = lambda: None
+    ) -> AsyncIterator[None]:
+        """Wait for the lock and hold it inside; `still_waiting` is called each `every_s` that it takes."""
+        while not await self._acquired(every_s):
+            still_waiting()
+        self._holder = holder
+        try:
+            yield
+        finally:
+            self._holder = None
+            self._lock.release()
+
+    async def _acquired(self, within_s: float | None) -> bool:
+        try:
+            async with asyncio.timeout(within_s):
+                return await self._lock.acquire()
+        except TimeoutError:
+            return False

@@ -60,6 +60,11 @@ class Watchdog:
             log.error("job_hangs", why=wrong, advice="the watchdog, if there is one, restarts the daemon")
         return False
 
+    def patience(self, wait_s: float) -> Callable[[], None]:
+        """Return what feeds while the job loop waits for something, for `wait_s` at most."""
+        until_s = self._clock() + wait_s
+        return lambda: self._feed() if self._clock() < until_s else None
+
     def end(self) -> None:
         """Watch the job no more: it is over."""
         self._due_s = None

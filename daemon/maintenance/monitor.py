@@ -348,6 +348,20 @@ class Monitor(JobObserver):
 
     # --- asked ------------------------------------------------------------------------------------------------
 
+    @property
+    def panel(self) -> Panel:
+        """The watches as they are now; to be read only."""
+        return self._panel
+
+    @property
+    def waiting(self) -> int:
+        """How many things that happened have not been judged yet; `QUEUE` at most."""
+        return self._queue.qsize()
+
+    async def settled(self) -> None:
+        """Wait until all that was handed in has been judged."""
+        await self._queue.join()
+
     async def acknowledge(self, name: str, by: str, note: str, *, mended: bool) -> Alert:
         """Write down that a person knows of an alert; `mended` begins its watch anew. Raise `Fault` for no alert."""
         at = utc_now()

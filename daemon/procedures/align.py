@@ -15,7 +15,7 @@ from daemon.procedures.calibrate.commit import Began, keep, tell_old
 from daemon.procedures.correct import sidestep_um
 from daemon.procedures.move_sequence import MoveSequence, shifted
 from daemon.storage.calibration_records import Aligned, AlignmentLimits, AlignmentRecord
-from daemon.wire.requests import Align
+from daemon.wire.operations.jobs import Align
 from drivers.gantry import Position
 from vision.geometry.board_alignment import Alignment
 from vision.geometry.board_alignment import align as fit_board

@@ -10,7 +10,7 @@ from daemon.domain.states import Event
 from daemon.jobs.context import JobContext, Outcome, StationContext
 from daemon.procedures.aiming import describe, known_beforehand, look_and_aim
 from daemon.station.station import Search
-from daemon.wire.requests import Home, Look, Place
+from daemon.wire.operations.jobs import Home, Look, Place
 from drivers.gantry import Position
 
 ARRIVED_WITHIN_UM = 10.0

@@ -11,7 +11,7 @@ from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.states import Event
 from daemon.jobs.context import JobContext, Outcome, StationContext
 from daemon.procedures.aiming import STILL_UM, UNCLEAR, Aim, Prior, known_beforehand, look_and_aim
-from daemon.wire.requests import Correct
+from daemon.wire.operations.jobs import Correct
 from drivers.gantry import Position
 from vision.geometry.pose_map import PoseMap
 

@@ -19,14 +19,14 @@ import zmq
 from daemon.config.model import ApiSection
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.results import ErrorBody
-from daemon.domain.roles import Caller, require
+from daemon.domain.roles import Caller
 from daemon.server.auth import Authenticator
 from daemon.server.event_publisher import bind
 from daemon.server.rate_limit import RateLimit
 from daemon.station.device_errors import as_fault
 from daemon.wire.limits import HARD_LIMIT, MAX_HELD, MAX_PENDING
+from daemon.wire.operations.table import OPERATIONS, AnyRequest
 from daemon.wire.replies import AnyReply, Refusal, Reply
-from daemon.wire.requests import AnyRequest, parse_request
 
 RECEIVE_QUEUE, SEND_QUEUE = 200, 200
 """Messages of one peer held for it; a peer that does not read its answers loses them."""
@@ -124,8 +124,8 @@ class ControlSocket:
             caller = self._guard.caller(frames[-1], route[0])
             self._rate.spend(caller.client)
             raw = self._decode(body)
-            request = parse_request(raw)
-            require(caller, request.op)
+            request = OPERATIONS.parse(raw)
+            OPERATIONS.require(caller, request.op)
             reply: AnyReply | None = self._answers.at_once(request, caller)
             if reply is None:
                 self._make_room(caller.client)

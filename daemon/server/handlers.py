@@ -1,16 +1,20 @@
-"""What each operation of the control socket answers."""
+"""Handlers of the control socket's operations: what each answers.
+
+Jobs are handed to the job runner; every other operation has its case and its method here.
+"""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
+from typing import assert_never
 
 from daemon.config.current import CurrentSettings
 from daemon.domain.board import Board
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.results import ErrorBody
-from daemon.domain.roles import Caller, may
+from daemon.domain.roles import Caller
 from daemon.jobs.fault_latch import FaultLatch
 from daemon.jobs.image_archive import ImageArchive
 from daemon.jobs.runner import JobRunner
@@ -21,50 +25,47 @@ from daemon.telemetry.metrics import Metrics
 from daemon.telemetry.vitals import Vitals
 from daemon.wire.deadline import due_at_s
 from daemon.wire.events import TOPICS, AlertFacts
-from daemon.wire.replies import (
-    AcknowledgeReply,
-    AlertsReply,
-    BoardFacts,
+from daemon.wire.operations.control import (
     CalibrationState,
+    Cancel,
     CancelReply,
-    DescribeReply,
-    ErrorFacts,
-    JobReply,
-    Limits,
     Links,
-    PastAlert,
-    Reply,
-    ReportReply,
+    Reset,
+    Result,
     ResultReply,
+    Results,
     ResultsReply,
     Running,
+    Snapshot,
     SnapshotReply,
+    Status,
     StatusReply,
+)
+from daemon.wire.operations.describe import (
+    BoardFacts,
+    Describe,
+    DescribeReply,
+    ErrorFacts,
+    Limits,
     TestPoint,
     You,
 )
-from daemon.wire.requests import (
-    OPS,
-    VERSIONS,
+from daemon.wire.operations.health import (
     Acknowledge,
+    AcknowledgeReply,
     Alerts,
-    Align,
-    AnyJob,
-    AnyRequest,
-    Calibrate,
-    Cancel,
-    Correct,
-    Describe,
-    Home,
-    Look,
-    Place,
+    AlertsReply,
+    PastAlert,
     Report,
-    Reset,
-    Result,
-    Results,
-    Snapshot,
-    Status,
+    ReportReply,
 )
+from daemon.wire.operations.jobs import AnyJob, JobReply
+from daemon.wire.operations.row import DefaultDeadline
+from daemon.wire.operations.table import OPERATIONS, AnyRequest
+from daemon.wire.replies import Reply
+from daemon.wire.requests import VERSIONS, ImmediateRequest, JobRequest
+
+SHORT_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -94,24 +95,44 @@ class Handlers:
 
     def at_once(self, request: AnyRequest, caller: Caller) -> Reply | None:
         """Return the reply to what needs no waiting, else None."""
+        return self._immediate(request, caller) if isinstance(request, ImmediateRequest) else None
+
+    async def handle(self, request: AnyRequest, caller: Caller) -> Reply:
+        """Return the reply, or raise `Fault`."""
+        if OPERATIONS.row(request.op).deadline is DefaultDeadline.SHORT:
+            due_at_s(request.deadline_ms, SHORT_S)
+        match request:
+            case JobRequest():
+                return await self._job(request, caller)
+            case ImmediateRequest():
+                return self._immediate(request, caller)
+            case Cancel():
+                return CancelReply(cancelled=self._with.runner.cancel(request.id))
+            case Reset():
+                return await self._reset()
+            case Snapshot():
+                return await self._snapshot()
+            case Result():
+                return await self._result(request.id)
+            case Results():
+                return ResultsReply(results=await self._journal.results(request.since, request.limit))
+            case Alerts():
+                return await self._alerts(request)
+            case Acknowledge():
+                return await self._acknowledge(request)
+            case Report():
+                return await self._report(request)
+            case _:
+                assert_never(request)
+
+    def _immediate(self, request: Status | Describe, caller: Caller) -> Reply:
         match request:
             case Status():
                 return self._status()
             case Describe():
                 return self._describe(caller)
             case _:
-                return None
-
-    async def handle(self, request: AnyRequest, caller: Caller) -> Reply:
-        """Return the reply, or raise `Fault`."""
-        match request:
-            case Correct() | Place() | Look() | Align() | Calibrate() | Home():
-                return await self._job(request, caller)
-            case Snapshot():
-                return await self._snapshot()
-            case _:
-                due_at_s(request.deadline_ms, 1.0)
-                return await self._other(request)
+                assert_never(request)
 
     async def _job(self, request: AnyJob, caller: Caller) -> Reply:
         done = await self._with.runner.submit(request, caller.client)
@@ -119,29 +140,6 @@ class Handlers:
             return JobReply(id=request.id)
         # Shielded: the future belongs to the job, and other clients may wait for the same one.
         return JobReply(id=request.id, result=await asyncio.shield(done))
-
-    async def _other(self, request: AnyRequest) -> Reply:
-        match request:
-            case Cancel():
-                return CancelReply(cancelled=self._with.runner.cancel(request.id))
-            case Reset():
-                return await self._reset()
-            case Result():
-                return await self._result(request.id)
-            case Results():
-                return ResultsReply(results=await self._journal.results(request.since, request.limit))
-            case Report():
-                return await self._report(request)
-            case Alerts():
-                past = await self._journal.alerts(request.since, request.limit)
-                overview = self._with.monitor.overview()
-                return AlertsReply(alerts=[PastAlert.model_validate(alert) for alert in past], **overview)
-            case Acknowledge():
-                monitor = self._with.monitor
-                known = await monitor.acknowledge(request.alert, request.by, request.note, mended=request.mended)
-                return AcknowledgeReply(alert=AlertFacts.model_validate(known.to_dict()))
-            case _:
-                raise Fault(FaultCode.UNKNOWN_OP)
 
     def _status(self) -> StatusReply:
         runner, latch, calibrations = self._with.runner, self._with.latch, self._with.calibrations.in_force
@@ -180,7 +178,7 @@ class Handlers:
         api = config.api
         return DescribeReply(
             station=config.station.name,
-            ops=list(OPS),
+            ops=list(OPERATIONS.ops),
             events=api.events,
             board=_board_facts(board),
             errors=[
@@ -188,7 +186,11 @@ class Handlers:
             ],
             versions=list(VERSIONS),
             topics=list(TOPICS),
-            you=You(client=caller.client, role=caller.role, ops=[op for op in OPS if may(caller.role, op)]),
+            you=You(
+                client=caller.client,
+                role=caller.role,
+                ops=[op for op in OPERATIONS.ops if OPERATIONS.may(caller.role, op)],
+            ),
             limits=Limits(
                 max_message_bytes=api.max_message_bytes, rate_per_s=api.rate_per_s, rate_burst=api.rate_burst,
                 queue_length=api.queue_length, queue_per_client=api.queue_per_client,
@@ -206,6 +208,16 @@ class Handlers:
         if stored is None:
             raise Fault(FaultCode.UNKNOWN_JOB, f"no job {job_id!r}"[:200], id=job_id)
         return ResultReply(id=job_id, done=stored.result is not None, result=stored.result)
+
+    async def _alerts(self, request: Alerts) -> Reply:
+        past = await self._journal.alerts(request.since, request.limit)
+        overview = self._with.monitor.overview()
+        return AlertsReply(alerts=[PastAlert.model_validate(alert) for alert in past], **overview)
+
+    async def _acknowledge(self, request: Acknowledge) -> Reply:
+        monitor = self._with.monitor
+        known = await monitor.acknowledge(request.alert, request.by, request.note, mended=request.mended)
+        return AcknowledgeReply(alert=AlertFacts.model_validate(known.to_dict()))
 
     async def _report(self, request: Report) -> Reply:
         if request.id is not None and await self._journal.job(request.id) is None:

@@ -1,4 +1,4 @@
-"""The events, as models, by topic. What is published is built of these, so that it is what the page says."""
+"""Events by topic, as models. What is published is built of these, so that it is what the page says."""
 
 from __future__ import annotations
 

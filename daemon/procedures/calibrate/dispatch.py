@@ -17,7 +17,7 @@ from daemon.procedures.calibrate.pose_map import walk_and_keep
 from daemon.procedures.calibrate.rotation import calibrate_rotation
 from daemon.procedures.calibrate.targets import choose_mark
 from daemon.procedures.move_sequence import MoveSequence
-from daemon.wire.requests import Calibrate
+from daemon.wire.operations.jobs import Calibrate
 from drivers.lights import Light
 from vision import ProbeModel
 

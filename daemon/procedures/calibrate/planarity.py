@@ -14,7 +14,7 @@ from daemon.procedures.calibrate.commit import Began, keep
 from daemon.procedures.move_sequence import MoveSequence, shifted
 from daemon.procedures.surface_touch import heights_um, press
 from daemon.storage.calibration_records import SurfaceRecord, Touch
-from daemon.wire.requests import Calibrate
+from daemon.wire.operations.jobs import Calibrate
 from vision.geometry.frames import Array
 from vision.geometry.surface_plane import Surface, fit_plane
 

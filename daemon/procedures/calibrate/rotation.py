@@ -23,7 +23,7 @@ from daemon.procedures.calibrate.rotation_run import MAX_CLOSURE_UM, MeasuredAng
 from daemon.procedures.calibrate.targets import Mark, choose_mark
 from daemon.procedures.move_sequence import MoveSequence, shifted
 from daemon.storage.calibration_records import Circle, RotationLimits, RotationRecord, TrialLanding
-from daemon.wire.requests import Calibrate
+from daemon.wire.operations.jobs import Calibrate
 from vision.geometry.pose_map import PoseMap
 from vision.head.fit import Choice, HeadFit, fit_head
 from vision.head.model import Head, head_to_dict

@@ -1,56 +1,60 @@
-"""The page `wire.md`: operations, events, errors, roles and limits, as tables made from the models."""
+"""Page `wire.md`: operations, events, errors, roles and limits, as tables made from rows and models."""
 
 from __future__ import annotations
 
 import inspect
 import json
 from collections.abc import Iterable
-from typing import Any, Final, get_args
+from typing import Any, Final
 
 from pydantic import BaseModel
 
 from daemon.domain.errors import FaultCode
-from daemon.domain.roles import ROLES, least_role
+from daemon.domain.roles import ROLES
 from daemon.wire.docs import examples as wire_examples
 from daemon.wire.docs import text as wire_words
+from daemon.wire.docs.models import model_schema
 from daemon.wire.events import TOPICS, EventMessage
 from daemon.wire.limits import EVENT_QUEUE, HARD_LIMIT, MAX_HELD, MAX_PENDING
-from daemon.wire.replies import REPLIES, AnyReply, Refusal, Reply
-from daemon.wire.requests import OPS, VERSIONS, AnyRequest, Request
+from daemon.wire.operations.row import Operation
+from daemon.wire.operations.table import OPERATIONS, OperationTable
+from daemon.wire.replies import AnyReply, Refusal, Reply
+from daemon.wire.requests import VERSIONS, Request
 
 LIMITS: Final = ("max_message_bytes", "rate_per_s", "rate_burst", "queue_length", "queue_per_client", "heartbeat_s")
 
 
-def page(api: type[BaseModel]) -> str:
+def page(api: type[BaseModel], operations: OperationTable = OPERATIONS) -> str:
     """Return the whole page; `api` is the section of the configuration whose defaults it tells."""
     parts = [
         wire_words.INTRO, wire_words.VERSIONS, f"Versions spoken: {', '.join(map(str, VERSIONS))}.\n",
-        _envelopes(), wire_words.JOBS, wire_words.LATE, wire_words.KEYS, _roles(), _limits(api),
-        "## Operations\n", *(_operation(op) for op in OPS),
-        "## Events\n", *(_event(topic, model) for topic, model in TOPICS.items()), _inner(), _errors(),
+        _envelopes(operations), _jobs(operations), wire_words.LATE, wire_words.KEYS, _roles(operations), _limits(api),
+        "## Operations\n", *(_operation(row, operations) for row in operations.rows),
+        "## Events\n", *(_event(topic, model, operations) for topic, model in TOPICS.items()),
+        _inner(operations), _errors(),
     ]  # fmt: skip
     return "\n".join(parts)
 
 
-def requests() -> dict[str, type[BaseModel]]:
-    """Return operation -> its request."""
-    return {model.model_fields["op"].annotation.__args__[0]: model for model in get_args(AnyRequest)}
-
-
-def _envelopes() -> str:
+def _envelopes(operations: OperationTable) -> str:
     refusal = Refusal.model_validate(wire_examples.REFUSAL)
     return "\n".join(
         (
-            "## What every message carries\n", "Every request:\n", _fields(Request),
+            "## What every message carries\n", "Every request:\n", _fields(Request, operations),
             "Every reply; `ok` tells a good one from a refusal, which carries `error` instead of the rest:\n",
-            _fields(Reply),
-            "Every event:\n", _fields(EventMessage), "A refusal:\n", _json(json.loads(refusal.to_json())),
+            _fields(Reply, operations),
+            "Every event:\n", _fields(EventMessage, operations), "A refusal:\n", _json(json.loads(refusal.to_json())),
         )
     )  # fmt: skip
 
 
-def _roles() -> str:
-    rows = [(role, ", ".join(f"`{op}`" for op in OPS if least_role(op) == role)) for role in ROLES]
+def _jobs(operations: OperationTable) -> str:
+    *names, last = (f"`{row.op}`" for row in operations.rows if row.is_job)
+    return wire_words.JOBS.format(jobs=f"{', '.join(names)} and {last}")
+
+
+def _roles(operations: OperationTable) -> str:
+    rows = [(role, ", ".join(f"`{row.op}`" for row in operations.rows if row.least_role == role)) for role in ROLES]
     said = [f"| {role} | {'all of the above and ' if n else ''}{ops} |" for n, (role, ops) in enumerate(rows)]
     return _table(("role", "may ask")) + "\n".join(said) + "\n\nAll roles hear the events.\n"
 
@@ -68,36 +72,36 @@ def _limits(api: type[BaseModel]) -> str:
     return f"## Limits\n\n{_table(('setting', 'default', 'what'))}{body}\n"
 
 
-def _operation(op: str) -> str:
-    model, reply = requests()[op], REPLIES[op]
-    answer = reply.model_validate(wire_examples.reply(op))
+def _operation(row: Operation, operations: OperationTable) -> str:
+    answer = row.reply.model_validate(wire_examples.reply(row))
     return "\n".join(
         (
-            f"### {op}\n", f"{_doc(model)} Role: {least_role(op)}.\n", _fields(model, beyond=Request),
-            _json(wire_examples.request(op)), f"Reply: {_doc(reply)}\n", _fields(reply, beyond=Reply),
+            f"### {row.op}\n", f"{_plain(row.sentence)} Role: {row.least_role}.\n",
+            _fields(row.request, operations, beyond=Request), _json(wire_examples.request(row)),
+            f"Reply: {_doc(row.reply)}\n", _fields(row.reply, operations, beyond=Reply),
             _json(json.loads(answer.to_json())),
         )
     )  # fmt: skip
 
 
-def _event(topic: str, model: type[EventMessage]) -> str:
+def _event(topic: str, model: type[EventMessage], operations: OperationTable) -> str:
     example = model.model_validate(wire_examples.event(topic))
     return "\n".join(
         (
             f"### {topic}\n",
             f"{_doc(model)}\n",
-            _fields(model, beyond=EventMessage),
+            _fields(model, operations, beyond=EventMessage),
             _json(example.model_dump(mode="json")),
         )
     )
 
 
-def _inner() -> str:
+def _inner(operations: OperationTable) -> str:
     """Return the models that stand inside of others."""
     found: dict[str, dict[str, Any]] = {}
-    models: tuple[type[BaseModel], ...] = (*REPLIES.values(), *TOPICS.values(), Refusal)
+    models: tuple[type[BaseModel], ...] = (*(row.reply for row in operations.rows), *TOPICS.values(), Refusal)
     for model in models:
-        found |= model.model_json_schema(mode="serialization").get("$defs", {})
+        found |= model_schema(model, operations, "serialization").get("$defs", {})
     parts = ["## Parts\n"]
     for name, schema in sorted(found.items()):
         parts += [f"### {name}\n", f"{_plain(schema.get('description', ''))}\n", _rows(schema, set())]
@@ -124,11 +128,12 @@ def _plain(text: str) -> str:
     return " ".join(text.split())
 
 
-def _fields(model: type[BaseModel], beyond: type[BaseModel] | None = None) -> str:
+def _fields(model: type[BaseModel], operations: OperationTable, beyond: type[BaseModel] | None = None) -> str:
     """Return a model's fields as a table, leaving out those of the base it shares with others."""
     shared = set(beyond.model_fields) if beyond is not None else set()
-    mode = "serialization" if issubclass(model, AnyReply | EventMessage) else "validation"
-    return _rows(model.model_json_schema(mode=mode), (shared - {"id"}) | {"op"})  # type: ignore[arg-type]
+    sent = issubclass(model, AnyReply | EventMessage)
+    schema = model_schema(model, operations, "serialization" if sent else "validation")
+    return _rows(schema, (shared - {"id"}) | {"op"})
 
 
 def _rows(schema: dict[str, Any], leave_out: Iterable[str]) -> str:

@@ -1,4 +1,4 @@
-"""The wire in writing, made from the models: JSON Schemas and the page `wire.md`.
+"""Documents of the wire, made from rows and models: JSON Schemas and the page `wire.md`.
 
 What is documented is what is spoken: requests are validated by these models, replies and events are built of them, and
 a test compares the files in the repository with what this makes.
@@ -7,7 +7,7 @@ a test compares the files in the repository with what this makes.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,20 +15,22 @@ from pydantic import BaseModel, TypeAdapter
 from pydantic.json_schema import JsonSchemaMode
 
 from daemon.platform.atomic_file import replace_whole
+from daemon.wire.docs.models import model_schema
 from daemon.wire.docs.page import page
 from daemon.wire.events import TOPICS
-from daemon.wire.replies import REPLIES, JobReply, Refusal
-from daemon.wire.requests import REQUESTS, AnyRequest
+from daemon.wire.operations.table import OPERATIONS, AnyRequest, OperationTable
+from daemon.wire.replies import AnyReply, Refusal
 
 DIALECT: Final = "https://json-schema.org/draft/2020-12/schema"
 
 
-def schemas() -> dict[str, dict[str, Any]]:
+def schemas(operations: OperationTable = OPERATIONS) -> dict[str, dict[str, Any]]:
     """Return name -> JSON Schema of a request, of each operation's reply, of an event, and of the refusal."""
+    replies = {row.op: row.reply for row in operations.rows}
     return {
-        "request": _schema(REQUESTS, "A request", "validation"),
-        "reply": _by_key("A good reply, by the operation asked", "op", REPLIES),
-        "event": _by_key("An event, by its topic", "topic", TOPICS),
+        "request": _schema(operations.requests, "A request", "validation"),
+        "reply": _by_key("A good reply, by the operation asked", "op", replies, operations),
+        "event": _by_key("An event, by its topic", "topic", TOPICS, operations),
         "error": _schema(TypeAdapter(Refusal), "A refusal", "serialization"),
     }
 
@@ -47,12 +49,6 @@ def write(folder: Path, api: type[BaseModel]) -> list[Path]:
     return list(texts)
 
 
-def _always(definition: dict[str, Any]) -> Iterable[str]:
-    """Return fields that have a default but are said all the same; only `id` and `result` of a reply are left out."""
-    optional = JobReply.ABSENT if "version" in definition.get("properties", {}) else frozenset[str]()
-    return set(definition.get("properties", {})) - optional
-
-
 def _put(path: Path, text: str) -> None:
     def put(beside: Path) -> None:
         beside.write_text(text)
@@ -65,21 +61,24 @@ def _schema(adapter: TypeAdapter[Any] | TypeAdapter[AnyRequest], title: str, mod
     return {"$schema": DIALECT, "title": title, **adapter.json_schema(mode=mode)}
 
 
-def _by_key(title: str, key: str, models: Mapping[str, type[BaseModel]]) -> dict[str, Any]:
+def _by_key(title: str, key: str, models: Mapping[str, type[BaseModel]], operations: OperationTable) -> dict[str, Any]:
     """Return one schema whose `$defs` hold all models; `x-by-<key>` says which is whose.
 
-    More fields may come (see the page), so that none of these forbids what it does not know.
+    Fields with a default are required too, for they are always sent, but for those that a reply leaves out where they
+    are None. More fields may come (see the page), so that none of these forbids what it does not know.
     """
+    absent = {model.__name__: model.ABSENT for model in models.values() if issubclass(model, AnyReply)}
     schemas = {}
     definitions: dict[str, Any] = {}
     for model in dict.fromkeys(models.values()):
-        schema = model.model_json_schema(mode="serialization")
+        schema = model_schema(model, operations, "serialization")
         definitions |= schema.pop("$defs", {})
         schemas[model.__name__] = schema
     definitions |= schemas
-    for definition in definitions.values():
+    for name, definition in definitions.items():
         definition.pop("additionalProperties", None)
-        definition["required"] = sorted({*definition.get("required", ()), *_always(definition)})
+        sent = set(definition.get("properties", {})) - absent.get(name, frozenset())
+        definition["required"] = sorted({*definition.get("required", ()), *sent})
     return {
         "$schema": DIALECT,
         "title": title,

@@ -1,4 +1,4 @@
-"""The plain sentences of the page of the wire; the tables between them are made from the models."""
+"""Plain sentences of the page of the wire; the tables between them are made from rows and models."""
 
 INTRO = """\
 # The wire
@@ -25,7 +25,7 @@ renamed or given another meaning or unit within a version; codes and names of er
 JOBS = """\
 ## Jobs
 
-`correct`, `place`, `look`, `align`, `calibrate` and `home` are jobs. Their `id` is the caller's idempotency key: the
+{jobs} are jobs. Their `id` is the caller's idempotency key: the
 same request with the same id again gets the same answer, whoever asks and however often, and moves nothing; another
 request with that id is refused (`id_reused`). `wait` and `deadline_ms` are no part of what is asked. One job runs at
 a time; the others wait, and the clients get their turn one after the other, each with its oldest job. How many may

@@ -1,19 +1,18 @@
 """Clients are served in turn and each within its share."""
 
 import asyncio
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, cast
 
 import pytest
 
-from daemon.config.model import ServoSection
 from daemon.domain.errors import Fault, FaultCode
-from daemon.domain.states import Machine
 from daemon.jobs.fair_queue import FairQueue
 from daemon.jobs.runner import JobRunner
 from daemon.server.rate_limit import BUCKETS, RateLimit
 from daemon.storage.journal import Journal
-from daemon.wire.requests import Place
+from daemon.wire.operations.jobs import Place
+from tests.daemon.jobs.surroundings import LIMITS, surroundings
 
 
 async def test_one_who_sends_much_does_not_hold_up_one_who_sends_little() -> None:
@@ -43,9 +42,8 @@ def _place(n: int) -> Place:
 
 
 async def test_jobs_are_bounded_per_client_and_in_all_and_the_refusal_names_both(tmp_path: Path) -> None:
-    nobody = cast("Any", None)  # nothing runs here: neither events nor pictures are reached
     journal = await Journal.open(tmp_path / "j.sqlite")
-    jobs = JobRunner(Machine(lambda *_: None), journal, nobody, nobody, "s", ServoSection(), {}, 4, 3)
+    jobs = JobRunner(surroundings(journal=journal, limits=lambda: replace(LIMITS, queue_per_client=3)))
     for n in range(3):
         await jobs.submit(_place(n), "flood")
     with pytest.raises(Fault, match="of this client") as caught:

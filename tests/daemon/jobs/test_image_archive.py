@@ -14,7 +14,7 @@ import pytest
 from daemon.domain.results import JobResult
 from daemon.jobs.image_archive import ImageArchive
 from daemon.platform.clock import utc_now
-from daemon.wire.requests import Correct, Look
+from daemon.wire.operations.jobs import Correct, Look
 from vision import NotFound, Reason
 
 

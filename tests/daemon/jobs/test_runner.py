@@ -1,26 +1,35 @@
-"""An id is answered the same way for ever, and nobody waits for an answer that cannot come."""
+"""The job runner: an id always gets the same answer, and every end of a job is told in the same order."""
 
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
 
-from daemon.config.model import ServoSection
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.results import JobResult
-from daemon.domain.states import Machine
+from daemon.domain.states import Event, State
+from daemon.jobs.context import JobContext, Outcome
+from daemon.jobs.observer import JobObserver
 from daemon.jobs.runner import JobRunner
 from daemon.platform.clock import utc_now
 from daemon.storage.journal import Journal
-from daemon.wire.requests import Home, Place
+from daemon.wire.operations.jobs import AnyJob, Home, Place
+from daemon.wire.operations.table import OPERATIONS
+from drivers.errors import LightError, Stalled
+from tests.daemon.jobs.memory_journal import MemoryJournal
+from tests.daemon.jobs.surroundings import LIMITS, Published, idle_latch, surroundings
 
 HOME = Home(op="home", id="a")
 WRITTEN = HOME.model_dump_json(exclude={"wait", "deadline_ms"})
-
-
-def _jobs(journal: Journal) -> JobRunner:
-    nobody = cast("Any", None)  # neither events nor pictures are reached by an id that is known
-    return JobRunner(Machine(lambda *_: None), journal, nobody, nobody, "s", ServoSection(), {}, queue_length=4)
+Body = Callable[[JobContext], Awaitable[Outcome]]
 
 
 async def test_a_known_id_is_answered_from_the_journal_and_only_for_the_same_request(tmp_path: Path) -> None:
@@ -28,9 +37,10 @@ async def test_a_known_id_is_answered_from_the_journal_and_only_for_the_same_req
     await journal.add_job("a", "home", WRITTEN)
     result = JobResult(id="a", op="home", ok=True, seq=1, station="s", finished_at=utc_now(), outcome="homed")
     await journal.finish_job(result)
-    assert await (await _jobs(journal).submit(HOME)) == result
+    jobs = JobRunner(surroundings(journal=journal))
+    assert await (await jobs.submit(HOME)) == result
     with pytest.raises(Fault) as caught:
-        await _jobs(journal).submit(Place(op="place", id="a", test_point="TP1"))
+        await jobs.submit(Place(op="place", id="a", test_point="TP1"))
     assert caught.value.kind is FaultCode.ID_REUSED
     await journal.close()
 
@@ -39,6 +49,442 @@ async def test_a_job_whose_result_was_never_written_is_an_error_and_no_endless_w
     journal = await Journal.open(tmp_path / "j.sqlite")
     await journal.add_job("a", "home", WRITTEN)
     with pytest.raises(Fault) as caught:
-        await _jobs(journal).submit(HOME)
+        await JobRunner(surroundings(journal=journal)).submit(HOME)
     assert caught.value.kind is FaultCode.JOURNAL_FAILED
     await journal.close()
+
+
+class _Station:
+    """The devices, as far as the runner asks them itself."""
+
+    exchanges = 0
+
+    def __init__(self, did: list[str]) -> None:
+        self._did = did
+        self.lamp_error: Exception | None = None
+
+    async def stop(self) -> None:
+        self._did.append("stop")
+
+    async def lights_off(self, *_: Any) -> None:
+        self._did.append("dark")
+        if self.lamp_error is not None:
+            raise self.lamp_error
+
+
+class _Observer(JobObserver):
+    """Keeps what maintenance would hear."""
+
+    def __init__(self, did: list[str]) -> None:
+        self._did = did
+        self.steps: list[tuple[str, str]] = []
+        self.flags: list[tuple[str, str | None]] = []
+
+    def on_step(self, job_id: str, kind: str, body: Any) -> None:  # noqa: ARG002
+        self.steps.append((job_id, kind))
+
+    def on_result(self, job: JobContext, result: JobResult) -> None:  # noqa: ARG002
+        self._did.append("observed")
+
+    def on_flag(self, name: str, message: str | None) -> None:
+        self.flags.append((name, message))
+
+
+class _Images:
+    """The archive: a folder for every job, and what was kept."""
+
+    full: str | None = None
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self.kept: list[str] = []
+        self.failed: list[bool] = []
+
+    def folder_for(self, request: AnyJob, *, failed: bool) -> Path:
+        self.failed.append(failed)
+        return self._folder / request.id
+
+    async def keep(self, folder: Path, _job: JobContext, _result: JobResult) -> None:
+        self.kept.append(folder.name)
+
+
+class _Line:
+    """A runner at work whose procedures are given by the test."""
+
+    def __init__(self, folder: Path, body: Body | None = None) -> None:
+        self.did: list[str] = []
+        self.body = body
+        self.latch, self.journal, self.published = idle_latch(), MemoryJournal(), Published()
+        self.station, self.observer, self.images = _Station(self.did), _Observer(self.did), _Images(folder)
+        self.results: list[JobResult] = []
+        self.open = True
+        board = SimpleNamespace(point=self._point, find=self._point)
+        self.context = cast("Any", SimpleNamespace(station=self.station, board=board))
+        self.runner = JobRunner(
+            surroundings(
+                latch=self.latch, journal=self.journal, publisher=self.published, images=self.images,
+                observer=self.observer, context=lambda: self.context if self.open else None,
+                on_result=self.results.append, procedures=dict.fromkeys(("home", "place", "look"), self._run),
+                limits=lambda: replace(LIMITS, queue_length=30, queue_per_client=30),
+            )
+        )  # fmt: skip
+
+    @staticmethod
+    def _point(name: str) -> None:
+        if name == "nowhere":
+            raise Fault(FaultCode.UNKNOWN_TEST_POINT)
+
+    async def _run(self, job: JobContext, _context: Any) -> Outcome:
+        self.did.append(f"run {job.request.id}")
+        assert self.body is not None
+        return await self.body(job)
+
+    async def ask(self, op: str = "look", job_id: str = "j", client: str = "", **fields: Any) -> asyncio.Future[Any]:
+        request = OPERATIONS.parse({"op": op, "id": job_id, **fields})
+        return await self.runner.submit(cast("AnyJob", request), client)
+
+    async def do(self, op: str = "look", job_id: str = "j", **fields: Any) -> JobResult:
+        async with asyncio.timeout(30.0):
+            return cast("JobResult", await (await self.ask(op, job_id, **fields)))
+
+
+@asynccontextmanager
+async def _line(folder: Path, body: Body | None = None) -> AsyncIterator[_Line]:
+    line = _Line(folder, body)
+    loop = asyncio.create_task(line.runner.run())
+    try:
+        yield line
+    finally:
+        loop.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await loop
+
+
+def _raising(error: Exception, *before: Event) -> Body:
+    async def body(job: JobContext) -> Outcome:
+        for event in before:
+            job.fire(event)
+        raise error
+
+    return body
+
+
+async def _looked(job: JobContext) -> Outcome:
+    job.fire(Event.ACCEPTED)
+    return Outcome("looked", test_point="TP1", error_before_um=3.0, detail={"n": 1})
+
+
+class _Gate:
+    """A procedure that begins, and ends when it is let."""
+
+    def __init__(self) -> None:
+        self.began, self.may_end = asyncio.Event(), asyncio.Event()
+
+    async def __call__(self, job: JobContext) -> Outcome:
+        job.fire(Event.ACCEPTED)
+        self.began.set()
+        await self.may_end.wait()
+        return Outcome("looked")
+
+
+async def test_a_job_that_ends_well_is_written_published_and_answered(tmp_path: Path) -> None:
+    async with _line(tmp_path, _looked) as line:
+        result = await line.do()
+        assert (result.ok, result.outcome, result.test_point, result.error) == (True, "looked", "TP1", None)
+        assert (result.error_before_um, result.detail, result.pictures) == (3.0, {"n": 1}, None)
+        assert line.journal.jobs["j"].result == result
+        assert ("result", result.model_dump(mode="json")) in line.published.events
+        assert line.results == [result]
+        assert line.latch.state is State.IDLE
+        assert line.runner.running is None
+    assert line.did == ["run j", "dark", "observed"]
+
+
+async def test_the_same_id_under_way_is_the_same_job_and_another_request_with_it_is_refused(tmp_path: Path) -> None:
+    gate = _Gate()
+    async with _line(tmp_path, gate) as line:
+        first = await line.ask()
+        await gate.began.wait()
+        running = line.runner.running
+        assert running is not None
+        assert running.id == "j"
+        assert await line.ask(wait=True, deadline_ms=5.0) is first, "neither is part of what is asked"
+        with pytest.raises(Fault) as reused:
+            await line.ask("home")
+        assert reused.value.kind is FaultCode.ID_REUSED
+        gate.may_end.set()
+        await first
+        assert (await (await line.ask())).id == "j", "it is answered from the journal"
+    assert line.did.count("run j") == 1
+
+
+@pytest.mark.parametrize("error", [Fault(FaultCode.TIP_NOT_FOUND), Fault(FaultCode.UNDECIDED)])
+async def test_a_recognition_fault_clears_itself(tmp_path: Path, error: Fault) -> None:
+    async with _line(tmp_path, _raising(error, Event.ACCEPTED)) as line:
+        result = await line.do()
+        assert result.error is not None
+        assert (result.ok, result.outcome, result.error.name) == (False, "failed", error.kind.wire_name)
+        assert (line.latch.state, line.latch.fault) == (State.IDLE, None)
+        assert line.images.failed == [True]
+
+
+async def test_a_refusal_before_anything_was_done_leads_back_to_idle(tmp_path: Path) -> None:
+    seen: list[tuple[State, Event]] = []
+    async with _line(tmp_path, _raising(Fault(FaultCode.OUTSIDE_ENVELOPE))) as line:
+        line.latch.subscribe(lambda change: seen.append((change.after, change.event)))
+        assert not (await line.do()).ok
+    assert seen == [(State.TRIGGERED, Event.TRIGGER), (State.IDLE, Event.REFUSED)]
+
+
+async def test_a_latched_fault_of_a_refused_job_is_a_fault_all_the_same(tmp_path: Path) -> None:
+    async with _line(tmp_path, _raising(Stalled("x", device="x"))) as line:
+        await line.do()
+        assert line.latch.state is State.FAULT
+
+
+async def test_a_latched_fault_stays_and_the_next_job_is_refused_with_it(tmp_path: Path) -> None:
+    async with _line(tmp_path, _raising(Stalled("stuck", device="x"), Event.ACCEPTED)) as line:
+        result = await line.do()
+        assert result.error is not None
+        assert result.error.name == "axis_stalled"
+        assert line.latch.state is State.FAULT
+        with pytest.raises(Fault) as refused:
+            await line.ask(job_id="next")
+        assert refused.value.kind is FaultCode.IN_FAULT
+        assert refused.value.detail["first_cause"]["name"] == "axis_stalled"
+
+
+async def test_a_job_that_waited_while_a_fault_was_latched_is_refused_when_its_turn_comes(tmp_path: Path) -> None:
+    gate = _Gate()
+    async with _line(tmp_path, gate) as line:
+        first = await line.ask(job_id="first")
+        await gate.began.wait()
+        waiting = await line.ask(job_id="waiting")
+        assert line.runner.queued == 1
+        line.latch.latch(Fault(FaultCode.LINK_LOST))
+        gate.may_end.set()
+        await first
+        result = await waiting
+        assert result.error.name == "in_fault"
+        assert "run waiting" not in line.did
+
+
+async def test_an_error_nobody_expected_is_internal_and_latched(tmp_path: Path) -> None:
+    async with _line(tmp_path, _raising(RuntimeError("a bug"), Event.ACCEPTED)) as line:
+        result = await line.do()
+        assert result.error is not None
+        assert result.error.name == "internal"
+        assert line.latch.fault is not None
+        assert line.latch.fault.kind is FaultCode.INTERNAL
+
+
+async def test_lights_that_stay_on_are_a_fault_and_never_hide_how_the_job_ended(tmp_path: Path) -> None:
+    async with _line(tmp_path, _looked) as line:
+        line.station.lamp_error = LightError("stuck", device="lights")
+        assert (await line.do()).ok
+        assert line.latch.fault is not None
+        assert line.latch.fault.kind is FaultCode.LIGHT_FAILED
+    async with _line(tmp_path, _raising(Stalled("x", device="x"), Event.ACCEPTED)) as line:
+        line.station.lamp_error = LightError("stuck", device="lights")
+        result = await line.do()
+        assert result.error is not None
+        assert result.error.name == "axis_stalled"
+        assert line.latch.fault is not None
+        assert line.latch.fault.kind is FaultCode.AXIS_STALLED, "its own trouble came first"
+
+
+async def test_cancelling_the_running_job_stops_motion_and_leaves_idle(tmp_path: Path) -> None:
+    gate = _Gate()
+    async with _line(tmp_path, gate) as line:
+        done = await line.ask()
+        await gate.began.wait()
+        assert line.runner.cancel(None) == "j"
+        result = await done
+        assert result.error.name == "cancelled"
+        assert (line.latch.state, line.latch.fault) == (State.IDLE, None)
+    assert line.did == ["run j", "stop", "dark", "observed"]
+
+
+async def test_a_job_cancelled_while_it_waits_never_begins(tmp_path: Path) -> None:
+    gate = _Gate()
+    async with _line(tmp_path, gate) as line:
+        first = await line.ask(job_id="first")
+        await gate.began.wait()
+        waiting = await line.ask("home", job_id="waiting")
+        assert line.runner.cancel("waiting") == "waiting"
+        gate.may_end.set()
+        await first
+        assert (await waiting).error.name == "cancelled"
+        assert line.latch.state is State.IDLE, "homing that never began has lost nothing"
+        for unknown in ("gone", None):
+            with pytest.raises(Fault) as caught:
+                line.runner.cancel(unknown)
+            assert caught.value.kind is FaultCode.UNKNOWN_JOB
+    assert "run waiting" not in line.did
+
+
+async def test_a_job_that_runs_out_of_time_stops_and_leaves_idle(tmp_path: Path) -> None:
+    async with _line(tmp_path, _Gate()) as line:
+        result = await line.do(deadline_ms=30.0)
+        assert result.error is not None
+        assert result.error.name == "deadline_missed"
+        assert (line.latch.state, line.latch.fault) == (State.IDLE, None)
+    assert line.did == ["run j", "stop", "dark", "observed"]
+
+
+async def test_a_time_out_inside_of_a_job_is_not_taken_for_its_deadline(tmp_path: Path) -> None:
+    async with _line(tmp_path, _raising(TimeoutError("inside"), Event.ACCEPTED)) as line:
+        result = await line.do()
+        assert result.error is not None
+        assert result.error.name == "internal"
+        assert "stop" not in line.did
+
+
+async def test_a_deadline_that_passed_while_the_job_waited_is_stale(tmp_path: Path) -> None:
+    gate = _Gate()
+    async with _line(tmp_path, gate) as line:
+        first = await line.ask(job_id="first")
+        await gate.began.wait()
+        late = await line.ask(job_id="late", deadline_ms=1.0)
+        await asyncio.sleep(0.005)
+        gate.may_end.set()
+        await first
+        assert (await late).error.name == "stale_deadline"
+        assert line.latch.state is State.IDLE
+    assert "run late" not in line.did
+
+
+@pytest.mark.parametrize(("op", "fields", "seconds"), [("look", {}, 60.0), ("calibrate", {"what": "map"}, 600.0)])
+async def test_without_a_deadline_of_its_own_a_job_has_the_configured_one(
+    tmp_path: Path, op: str, fields: dict[str, Any], seconds: float
+) -> None:
+    left: list[float] = []
+
+    async def body(job: JobContext) -> Outcome:
+        left.append(job.deadline.remaining_s)
+        return await _looked(job)
+
+    line = _Line(tmp_path, body)
+    line.runner = JobRunner(
+        surroundings(
+            latch=line.latch, journal=line.journal, images=line.images, context=lambda: line.context,
+            procedures=dict.fromkeys(("look", "calibrate"), lambda job, _context: body(job)),
+        )
+    )  # fmt: skip
+    loop = asyncio.create_task(line.runner.run())
+    assert (await line.do(op, **fields)).ok
+    loop.cancel()
+    assert left[0] == pytest.approx(seconds, abs=20.0)
+
+
+async def test_homing_that_began_and_did_not_end_leaves_not_homed(tmp_path: Path) -> None:
+    gate = _Gate()
+    async with _line(tmp_path, gate) as line:
+        done = await line.ask("home")
+        await gate.began.wait()
+        line.runner.cancel("j")
+        await done
+        assert line.latch.fault is not None
+        assert line.latch.fault.kind is FaultCode.NOT_HOMED
+        assert "homing ended early" in line.latch.fault.message
+
+
+async def test_homing_leaves_not_homed_only_at_its_end(tmp_path: Path) -> None:
+    gate = _Gate()
+    async with _line(tmp_path, gate) as line:
+        line.latch.latch(Fault(FaultCode.NOT_HOMED))
+        done = await line.ask("home")
+        await gate.began.wait()
+        gate.may_end.set()
+        assert (await done).ok
+        assert (line.latch.state, line.latch.fault) == (State.IDLE, None)
+
+
+async def test_a_daemon_that_stops_ends_the_running_job_and_stops_motion(tmp_path: Path) -> None:
+    gate = _Gate()
+    async with _line(tmp_path, gate) as line:
+        done = await line.ask()
+        await gate.began.wait()
+    assert (await done).error.name == "shutting_down"
+    assert line.did == ["run j", "stop", "dark", "observed"]
+    assert line.latch.state is State.IDLE
+
+
+async def test_a_daemon_that_closes_takes_no_jobs(tmp_path: Path) -> None:
+    line = _Line(tmp_path)
+    line.latch.closing()
+    with pytest.raises(Fault) as caught:
+        await line.ask()
+    assert caught.value.kind is FaultCode.SHUTTING_DOWN
+
+
+async def test_a_station_that_is_not_open_refuses_and_an_unknown_point_is_refused_at_once(tmp_path: Path) -> None:
+    async with _line(tmp_path, _looked) as line:
+        with pytest.raises(Fault) as unknown:
+            await line.ask(test_point="nowhere")
+        assert unknown.value.kind is FaultCode.UNKNOWN_TEST_POINT
+        assert "j" not in line.journal.jobs
+        line.open = False
+        result = await line.do(test_point="nowhere")
+        assert result.error is not None
+        assert result.error.message == "the station is not open"
+
+
+async def test_a_job_that_cannot_be_written_down_is_not_taken(tmp_path: Path) -> None:
+    async with _line(tmp_path, _looked) as line:
+        line.journal.broken = True
+        with pytest.raises(Fault) as caught:
+            await line.ask()
+        assert caught.value.kind is FaultCode.JOURNAL_FAILED
+        line.journal.broken = False
+        assert (await line.do()).ok, "its id is free again"
+
+
+async def test_a_result_that_cannot_be_written_is_answered_and_latched(tmp_path: Path) -> None:
+    gate = _Gate()
+    async with _line(tmp_path, gate) as line:
+        done = await line.ask()
+        await gate.began.wait()
+        line.journal.broken = True
+        gate.may_end.set()
+        assert (await done).ok
+        assert line.latch.fault is not None
+        assert line.latch.fault.kind is FaultCode.JOURNAL_FAILED
+
+
+async def test_steps_progress_and_images_go_where_they_belong(tmp_path: Path) -> None:
+    async def body(job: JobContext) -> Outcome:
+        job.fire(Event.ACCEPTED)
+        job.note("look", {"tip": 1})
+        job.progress(1, 4, "looking")
+        assert line.runner.progress == {"done": 1, "total": 4, "doing": "looking"}
+        job.saw(cast("Any", object()))
+        return Outcome("looked")
+
+    line = _Line(tmp_path, body)
+    loop = asyncio.create_task(line.runner.run())
+    result = await line.do()
+    await line.do(job_id="second")  # the images of the first are kept before it begins
+    loop.cancel()
+    assert line.journal.steps[0] == ("j", "look", {"tip": 1})
+    assert line.observer.steps[0] == ("j", "look")
+    assert ("progress", {"job": "j", "op": "look", "done": 1, "total": 4, "doing": "looking"}) in line.published.events
+    assert (result.looks, result.pictures) == (1, str(tmp_path / "j"))
+    assert line.images.kept[0] == "j"
+    assert line.observer.flags[0] == ("pictures_not_kept", None)
+
+
+async def test_progress_of_a_job_is_gone_when_the_next_begins(tmp_path: Path) -> None:
+    seen: list[Any] = []
+
+    async def body(job: JobContext) -> Outcome:
+        seen.append(line.runner.progress)
+        job.progress(1, 2, "looking")
+        return await _looked(job)
+
+    line = _Line(tmp_path, body)
+    loop = asyncio.create_task(line.runner.run())
+    await line.do()
+    await line.do(job_id="second")
+    loop.cancel()
+    assert seen == [None, None]

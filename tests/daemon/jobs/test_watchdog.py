@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Any, cast
+from pathlib import Path
 
 import pytest
 
-from daemon.config.model import ServoSection
-from daemon.domain.states import Machine
-from daemon.jobs.runner import JobRunner
+from daemon.jobs.runner import EXCLUSIVE_WITHIN_S, JobRunner
+from daemon.jobs.station_lock import StationLock
 from daemon.jobs.watchdog import GRACE_S, SILENT_S, Watchdog
+from daemon.storage.journal import Journal
+from daemon.wire.operations.jobs import Home
+from tests.daemon.jobs.surroundings import surroundings
 
 
 class FakeManager:
@@ -74,10 +76,7 @@ def test_a_job_past_its_deadline_is_a_hang_however_busy_it_is() -> None:
 
 
 def _jobs(watchdog: Watchdog) -> JobRunner:
-    nobody = cast("Any", None)
-    jobs = JobRunner(Machine(lambda *_: None), nobody, nobody, nobody, "s", ServoSection(), {}, queue_length=4)
-    jobs.watchdog = watchdog
-    return jobs
+    return JobRunner(surroundings(watchdog=watchdog))
 
 
 async def test_the_job_loop_itself_feeds_and_a_loop_that_ended_does_not() -> None:
@@ -95,21 +94,26 @@ async def test_the_job_loop_itself_feeds_and_a_loop_that_ended_does_not() -> Non
     assert dog.meals == meals, "no task outlives the loop to feed for it"
 
 
-async def test_a_job_loop_stuck_outside_of_a_job_does_not_feed() -> None:
+async def test_a_job_loop_that_waits_for_a_reset_feeds_but_not_without_end(tmp_path: Path) -> None:
     dog = FakeManager()
-    jobs = _jobs(dog.watchdog())
-    await jobs.between.acquire()  # somebody never lets go of what the loop needs to go on
-    jobs._waiting.put("tester", cast("Any", object()))
+    journal = await Journal.open(tmp_path / "j.sqlite")
+    lock = StationLock()
+    jobs = JobRunner(surroundings(watchdog=dog.watchdog(), lock=lock, journal=journal))
     loop = asyncio.create_task(jobs.run())
-    await dog.eaten.wait()
-    meals = dog.meals
-    assert meals == 1, "once, while it still waited for a job"
-    for _ in range(100):
-        await asyncio.sleep(0)
-    assert dog.meals == meals
+    async with lock.hold("reset"):
+        await jobs.submit(Home(op="home", id="a"))
+        await dog.eaten.wait()
+        dog.eaten.clear()
+        await dog.eaten.wait()  # it waits for the lock, and says that it lives
+        dog.now_s += EXCLUSIVE_WITHIN_S
+        meals = dog.meals
+        for _ in range(100):
+            await asyncio.sleep(0.0005)
+        assert dog.meals == meals, "no reset takes so long"
     loop.cancel()
     with pytest.raises(asyncio.CancelledError):
         await loop
+    await journal.close()
 
 
 async def test_a_job_that_hangs_is_waited_for_and_starves_the_watchdog() -> None:

@@ -6,17 +6,18 @@ import asyncio
 import contextlib
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
 
+from daemon.config.current import CurrentSettings
 from daemon.config.model import MaintenanceSection, load_config
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.results import ErrorBody, JobResult
-from daemon.maintenance.monitor import Monitor
+from daemon.maintenance.monitor import QUEUE, Monitor
 from daemon.storage.calibration_store import Calibrations
 from daemon.storage.journal import Journal
 from daemon.tools.demo.settings import Places, write_settings
@@ -37,21 +38,31 @@ class _Heard:
         return seq
 
 
+@dataclass
+class _Station:
+    """A monitor and what it stands on."""
+
+    monitor: Monitor
+    heard: _Heard
+    journal: Journal
+    calibrations: Calibrations
+
+
 @asynccontextmanager
-async def _running(
+async def _station(
     tmp_path: Path, section: MaintenanceSection | None = None, *, ended: bool = False
-) -> AsyncIterator[tuple[Monitor, _Heard]]:
+) -> AsyncIterator[_Station]:
     """Run a monitor on the journal in a folder; it is not saved at the end, as if it had been killed."""
     config = load_config(write_settings(Places(tmp_path, tmp_path)))
     config = config.model_copy(update={"maintenance": section or MaintenanceSection()})
     calibrations = Calibrations(tmp_path / "calibration", "demo")
     journal, heard = await Journal.open(tmp_path / "j.sqlite"), _Heard()
-    daemon = SimpleNamespace(config=config, calibrations=calibrations, hardware=None)
-    monitor = Monitor(cast("Any", daemon), journal, cast("Any", heard))
+    settings = CurrentSettings(config, cast("Any", None))
+    monitor = Monitor(settings, calibrations, lambda: None, journal, cast("Any", heard))
     await monitor.load()
     task = asyncio.create_task(asyncio.sleep(0) if ended else monitor.run())
     try:
-        yield monitor, heard
+        yield _Station(monitor, heard, journal, calibrations)
     finally:
         task.cancel()
         with contextlib.suppress(asyncio.CancelledError):
@@ -59,10 +70,19 @@ async def _running(
         await journal.close()
 
 
+@asynccontextmanager
+async def _running(
+    tmp_path: Path, section: MaintenanceSection | None = None, *, ended: bool = False
+) -> AsyncIterator[tuple[Monitor, _Heard]]:
+    """Run a monitor, for tests that ask for nothing else."""
+    async with _station(tmp_path, section, ended=ended) as station:
+        yield station.monitor, station.heard
+
+
 async def _settled(monitor: Monitor) -> None:
     """Wait until all that was handed in has been judged."""
     async with asyncio.timeout(20.0):
-        await monitor._queue.join()
+        await monitor.settled()
 
 
 def _correct(monitor: Monitor, k: int, error: ErrorBody | None = None) -> None:
@@ -75,7 +95,8 @@ def _correct(monitor: Monitor, k: int, error: ErrorBody | None = None) -> None:
 
 
 async def test_an_alert_is_told_once_and_kept_and_cleared_when_it_is_gone(tmp_path: Path) -> None:
-    async with _running(tmp_path) as (monitor, heard):
+    async with _station(tmp_path) as station:
+        monitor, heard = station.monitor, station.heard
         for k in range(12):
             _correct(monitor, k, REFUSED)
         await _settled(monitor)
@@ -88,7 +109,7 @@ async def test_an_alert_is_told_once_and_kept_and_cleared_when_it_is_gone(tmp_pa
         await _settled(monitor)
         assert heard.alerts[-1]["change"] == "cleared"
         assert monitor.overview()["healthy"]
-        kept = await monitor._journal.alerts(0, 100)
+        kept = await station.journal.alerts(0, 100)
         assert [a["change"] for a in kept] == [a["change"] for a in heard.alerts]
 
 
@@ -98,9 +119,9 @@ async def test_nothing_is_lost_by_a_kill_and_nothing_is_told_twice(tmp_path: Pat
             _correct(monitor, k, REFUSED)
         await _settled(monitor)
         assert heard.alerts
-        before = monitor._panel.to_dict()
+        before = monitor.panel.to_dict()
     async with _running(tmp_path) as (monitor, heard):
-        assert monitor._panel.to_dict() == before
+        assert monitor.panel.to_dict() == before
         assert "tip_refused" in monitor.alerts.standing
         _correct(monitor, 13, REFUSED)
         await _settled(monitor)
@@ -139,46 +160,50 @@ async def test_corrections_are_counted_among_the_touches_reported(tmp_path: Path
             _correct(monitor, k)
         monitor.on_touches(100)
         await _settled(monitor)
-        share = monitor._panel.watches["correction_share"]
+        share = monitor.panel.watches["correction_share"]
         assert share.standing.figure == pytest.approx(0.03)
         assert monitor.overview()["touches"] == 100
 
 
 async def test_touches_reported_one_by_one_are_written_twenty_at_a_time(tmp_path: Path) -> None:
-    async with _running(tmp_path) as (monitor, _):
+    async with _station(tmp_path) as station:
+        monitor = station.monitor
         _correct(monitor, 0)
         await _settled(monitor)
         for _ in range(4):
             for _ in range(10):
                 monitor.on_touches(1)
             await _settled(monitor)
-        rows = [body["numbers"] for *_, body in await monitor._journal.measurements(0, 100)]
+        rows = [body["numbers"] for *_, body in await station.journal.measurements(0, 100)]
         shares = [numbers["correction_share"] for numbers in rows if "correction_share" in numbers]
         assert shares == [[1.0, 20.0], [0.0, 20.0]]
         assert monitor.overview()["touches"] == 40
 
 
 async def test_corrections_of_touches_that_nobody_reported_are_no_share_of_others(tmp_path: Path) -> None:
-    async with _running(tmp_path) as (monitor, _):
+    async with _station(tmp_path) as station:
+        monitor = station.monitor
         for k in range(100):
             _correct(monitor, k)
         await _settled(monitor)
         monitor.on_touches(20)
         await _settled(monitor)
-        *_, body = (await monitor._journal.measurements(0, 1000))[-1]
+        *_, body = (await station.journal.measurements(0, 1000))[-1]
         assert body["numbers"]["correction_share"] == [20.0, 20.0]
 
 
 async def test_what_is_damaged_of_its_memory_stops_nothing(tmp_path: Path) -> None:
-    async with _running(tmp_path) as (monitor, _):
-        await monitor._journal.keep("maintenance", {"panel": 5, "row": "x", "probe": []})
+    async with _station(tmp_path) as station:
+        monitor = station.monitor
+        await station.journal.keep("maintenance", {"panel": 5, "row": "x", "probe": []})
         damaged: list[dict[str, Any]] = [
             {}, {"numbers": {"tip_refused": []}}, {"numbers": 7}, {"numbers": {"noise": ["x"]}}
         ]  # fmt: skip
         for body in damaged:
-            await monitor._journal.add_measurement("t", 0, "job", body)
-        await monitor._journal.set_standing("noise", {"name": "noise"})
-    async with _running(tmp_path) as (monitor, _):
+            await station.journal.add_measurement("t", 0, "job", body)
+        await station.journal.set_standing("noise", {"name": "noise"})
+    async with _station(tmp_path) as station:
+        monitor = station.monitor
         _correct(monitor, 0)
         await _settled(monitor)
         assert monitor.overview()["healthy"]
@@ -187,20 +212,22 @@ async def test_what_is_damaged_of_its_memory_stops_nothing(tmp_path: Path) -> No
 async def test_a_busy_station_keeps_its_journal_within_bounds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("daemon.maintenance.monitor.SAVE_EVERY_ROWS", 5)
     section = MaintenanceSection().model_copy(update={"keep_rows": 10})
-    async with _running(tmp_path, section) as (monitor, _):
+    async with _station(tmp_path, section) as station:
+        monitor = station.monitor
         for k in range(60):
             _correct(monitor, k)
         await _settled(monitor)
-        assert len(await monitor._journal.measurements(0, 1000)) <= 10 + 5
+        assert len(await station.journal.measurements(0, 1000)) <= 10 + 5
 
 
 async def test_an_alert_is_told_even_if_it_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    async with _running(tmp_path) as (monitor, heard):
+    async with _station(tmp_path) as station:
+        monitor, heard = station.monitor, station.heard
 
         async def full(*_: Any) -> None:
             raise Fault(FaultCode.JOURNAL_FAILED, "database or disk is full")
 
-        monkeypatch.setattr(monitor._journal, "set_standing", full)
+        monkeypatch.setattr(station.journal, "set_standing", full)
         monitor.on_flag("pictures_not_kept", "No space left on device")
         await _settled(monitor)
         assert [a["change"] for a in heard.alerts] == ["raised"]
@@ -215,7 +242,7 @@ async def test_what_still_waits_at_the_end_is_taken_in(tmp_path: Path) -> None:
     async with _running(tmp_path) as (monitor, _):
         monitor.on_touches(40)
         await _settled(monitor)
-        share = monitor._panel.watches["correction_share"].to_dict()
+        share = monitor.panel.watches["correction_share"].to_dict()
         assert [block[:2] for block in share["blocks"]] == [[3, 100]]
 
 
@@ -243,12 +270,13 @@ async def test_more_than_it_can_take_is_dropped_and_never_waited_for(tmp_path: P
     async with _running(tmp_path) as (monitor, _):
         for k in range(1000):
             _correct(monitor, k)
-        assert monitor._queue.full()
+        assert monitor.waiting == QUEUE
 
 
 async def test_a_probe_past_its_life_is_told_with_its_touches(tmp_path: Path) -> None:
-    async with _running(tmp_path, MaintenanceSection(probe_life_touches=100)) as (monitor, _):
-        calibrations = monitor._daemon.calibrations
+    async with _station(tmp_path, MaintenanceSection(probe_life_touches=100)) as station:
+        monitor = station.monitor
+        calibrations = station.calibrations
         calibrations.in_force = replace(calibrations.in_force, fingerprint="a probe")
         _correct(monitor, 0)
         await _settled(monitor)

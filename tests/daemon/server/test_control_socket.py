@@ -24,8 +24,10 @@ from daemon.server.event_publisher import EventPublisher
 from daemon.server.keyring import Keyring
 from daemon.storage.journal import Journal
 from daemon.wire.curve_keys import KeyTrouble, PrivateKey, new_client, read_private, revoke
-from daemon.wire.replies import CancelReply, Reply, ReportReply
-from daemon.wire.requests import AnyRequest
+from daemon.wire.operations.control import CancelReply
+from daemon.wire.operations.health import ReportReply
+from daemon.wire.operations.table import AnyRequest
+from daemon.wire.replies import Reply
 
 WITHIN_S = 10.0
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.results import ErrorBody, JobResult
-from daemon.domain.states import State
+from daemon.domain.states import Event
+from daemon.jobs.fault_latch import FaultLatch
 from daemon.platform.clock import utc_now
 from daemon.platform.systemd_notify import Notifier
 from daemon.telemetry.status_line import StatusLine
@@ -27,8 +27,10 @@ class Heard(Notifier):
         self.lines.append(status)
 
 
-def _daemon(state: State, fault: Fault | None = None, running: Any = None) -> Any:
-    return SimpleNamespace(machine=SimpleNamespace(state=state), jobs=SimpleNamespace(fault=fault, running=running))
+def _idle() -> FaultLatch:
+    latch = FaultLatch()
+    latch.opened()
+    return latch
 
 
 def _result(**fields: Any) -> JobResult:
@@ -38,7 +40,9 @@ def _result(**fields: Any) -> JobResult:
 
 def test_nothing_is_told_before_the_start_is_over() -> None:
     manager = Heard()
-    standing = StatusLine(_daemon(State.FAULT, Fault(FaultCode.NOT_HOMED)), manager)
+    latch = FaultLatch()
+    latch.latch(Fault(FaultCode.NOT_HOMED))
+    standing = StatusLine(latch, manager)
     standing.refresh()
     standing.on_result(_result(test_point="TP7", error_after_um=12.4))
     assert manager.lines == []
@@ -51,18 +55,20 @@ def test_nothing_is_told_before_the_start_is_over() -> None:
 
 def test_a_running_job_and_a_note_are_told_beside_the_last_result() -> None:
     manager = Heard()
-    daemon = _daemon(State.MOVE, running=SimpleNamespace(op="correct", id="b17"))
-    standing = StatusLine(daemon, manager)
+    latch = _idle()
+    latch.begin("correct", "b17")
+    latch.fire(Event.DEPARTED)
+    standing = StatusLine(latch, manager)
     failed = _result(ok=False, outcome="failed", test_point="TP3", error=ErrorBody.of(Fault(FaultCode.TIP_NOT_FOUND)))
     standing.ready(failed)
     standing.note("a note")
     assert manager.lines[-1] == "move (correct b17); last: correct TP3 failed, tip_not_found; a note"
-    daemon.machine.state, daemon.jobs.running = State.IDLE, None
+    latch.end(Event.CANCELLED)
     standing.note("")
     assert manager.lines[-1] == "idle; last: correct TP3 failed, tip_not_found"
 
 
 def test_a_daemon_that_never_did_anything_says_only_its_state() -> None:
     manager = Heard()
-    StatusLine(cast("Any", _daemon(State.IDLE)), manager).ready(None)
+    StatusLine(_idle(), manager).ready(None)
     assert manager.lines == ["READY idle"]

@@ -14,14 +14,16 @@ from daemon.cli.app import app
 from daemon.config.model import ApiSection
 from daemon.domain.errors import FaultCode
 from daemon.domain.results import JobResult
-from daemon.domain.roles import LEAST_ROLE, may
 from daemon.maintenance.alerts import Alert
 from daemon.wire.docs import examples as wire_examples
-from daemon.wire.docs.page import page, requests
+from daemon.wire.docs.page import page
 from daemon.wire.docs.schema import schemas, write
 from daemon.wire.events import TOPICS, AlertFacts, ResultEvent
-from daemon.wire.replies import REPLIES, Refusal
-from daemon.wire.requests import OPS, VERSIONS, Request, parse_request
+from daemon.wire.example_parts import ALERT, RESULT
+from daemon.wire.operations.row import Operation
+from daemon.wire.operations.table import OPERATIONS
+from daemon.wire.replies import Refusal
+from daemon.wire.requests import VERSIONS, Request
 
 DOC = Path(__file__).parents[3] / "doc"
 
@@ -35,17 +37,15 @@ def test_the_committed_page_and_schemas_are_what_the_code_makes(tmp_path: Path) 
         assert kept[name] == text, f"{name} is out of date: run `reprobe schema --out doc`"
 
 
-def test_every_operation_has_a_request_a_reply_a_role_and_examples() -> None:
-    assert set(OPS) == requests().keys() == REPLIES.keys() == LEAST_ROLE.keys()
-    assert set(OPS) == wire_examples.REQUESTS.keys() == wire_examples.REPLIES.keys()
+def test_every_topic_has_an_example() -> None:
     assert TOPICS.keys() == wire_examples.EVENTS.keys()
 
 
-@pytest.mark.parametrize("op", OPS)
-def test_an_example_request_is_taken_and_its_reply_is_whole(op: str) -> None:
-    assert parse_request(wire_examples.request(op)).op == op
-    example = wire_examples.reply(op)
-    reply = REPLIES[op].model_validate(example)
+@pytest.mark.parametrize("row", OPERATIONS.rows, ids=lambda row: row.op)
+def test_an_example_request_is_taken_and_its_reply_is_whole(row: Operation) -> None:
+    assert OPERATIONS.parse(wire_examples.request(row)).op == row.op
+    example = wire_examples.reply(row)
+    reply = row.reply.model_validate(example)
     said = json.loads(reply.to_json())
     assert example.keys() <= said.keys()
     assert said["v"] in VERSIONS
@@ -79,9 +79,9 @@ def test_every_link_of_the_page_leads_somewhere() -> None:
 
 def test_a_client_of_today_understands_a_daemon_that_says_more() -> None:
     more = {"mood": "fine"}
-    assert JobResult.model_validate(wire_examples.RESULT | more)
-    for op in OPS:
-        assert REPLIES[op].model_validate(wire_examples.reply(op) | more)
+    assert JobResult.model_validate(RESULT | more)
+    for row in OPERATIONS.rows:
+        assert row.reply.model_validate(wire_examples.reply(row) | more)
     assert "additionalProperties" not in {key for d in schemas()["reply"]["$defs"].values() for key in d}
 
 
@@ -96,19 +96,10 @@ def test_a_result_is_the_same_journalled_answered_and_published() -> None:
 
 
 def test_an_alert_of_maintenance_is_what_the_wire_says_it_is() -> None:
-    alert = Alert.from_dict(wire_examples.ALERT)
+    alert = Alert.from_dict(ALERT)
     assert set(alert.to_dict()) == set(AlertFacts.model_fields)
     body = json.loads(json.dumps(alert.body("raised")))
     assert TOPICS["alert"].model_validate(wire_examples.event("alert") | body)
-
-
-def test_each_role_may_all_that_the_one_before_it_may() -> None:
-    for op in OPS:
-        allowed = [may(role, op) for role in ("observe", "operate", "maintain")]
-        assert allowed == sorted(allowed)
-        assert allowed[-1]
-    assert [op for op in OPS if not may("operate", op)] == ["calibrate", "home", "reset", "acknowledge"]
-    assert not may("operate", "an operation nobody has listed")
 
 
 def test_what_every_request_may_carry_is_no_secret() -> None:

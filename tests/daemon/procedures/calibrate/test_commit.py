@@ -26,7 +26,7 @@ from daemon.procedures.calibrate.commit import keep, on_disk, tell_old
 from daemon.storage.calibration_records import Record
 from daemon.storage.calibration_store import Calibrations
 from daemon.storage.journal import Journal
-from daemon.wire.requests import Calibrate
+from daemon.wire.operations.jobs import Calibrate
 from tests.daemon.tools.report.synthetic import backlash_record, rotation_record
 
 STATION = "s1"

@@ -1,0 +1,86 @@
+"""Table of operations: all rows, and what follows from them: names, validation of requests, and who may ask what."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import reduce
+from operator import or_
+from typing import Annotated, Any, Final
+
+from pydantic import Field, TypeAdapter, ValidationError
+
+from daemon.domain.errors import Fault, FaultCode
+from daemon.domain.roles import ROLES, Caller, Role
+from daemon.wire.operations import control, describe, health, jobs
+from daemon.wire.operations.row import Operation
+from daemon.wire.requests import VERSIONS, WIRE_VERSION
+
+AnyRequest = jobs.AnyJob | control.AnyControl | health.AnyHealth | describe.Describe
+"""Every request, for the type checker. A test holds it together with the rows."""
+
+
+class OperationTable:
+    """Rows by the names of their operations; raise ValueError for two of one name."""
+
+    def __init__(self, rows: Iterable[Operation]) -> None:
+        self.rows = tuple(rows)
+        self._by_op = {row.op: row for row in self.rows}
+        if len(self._by_op) != len(self.rows):
+            raise ValueError(f"two operations of one name: {[row.op for row in self.rows]}")
+        models: Any = reduce(or_, (row.request for row in self.rows))
+        self.requests: TypeAdapter[AnyRequest] = TypeAdapter(Annotated[models, Field(discriminator="op")])
+        """Validation of any request, by its `op`."""
+
+    @property
+    def ops(self) -> tuple[str, ...]:
+        """Names of all operations."""
+        return tuple(self._by_op)
+
+    @property
+    def outcomes(self) -> tuple[str, ...]:
+        """How jobs can end well."""
+        return tuple(outcome for row in self.rows for outcome in row.outcomes)
+
+    def row(self, op: object) -> Operation:
+        """Return the row of an operation; raise `Fault` if there is none of that name."""
+        row = self._by_op.get(op) if isinstance(op, str) else None
+        if row is None:
+            raise Fault(FaultCode.UNKNOWN_OP, f"there is no operation {op!r}"[:200], ops=list(self.ops))
+        return row
+
+    def parse(self, raw: Any) -> AnyRequest:
+        """Validate a decoded JSON value; raise `Fault` with every bad field named."""
+        if not isinstance(raw, dict):
+            raise Fault(FaultCode.BAD_JSON, "the message is not a JSON object", got=type(raw).__name__)
+        version = raw.get("v", WIRE_VERSION)
+        if type(version) is not int or version not in VERSIONS:
+            raise Fault(
+                FaultCode.UNSUPPORTED_VERSION, f"version {version!r}"[:200] + " is not spoken here", supported=VERSIONS
+            )
+        self.row(raw.get("op"))
+        try:
+            return self.requests.validate_python(raw)
+        except ValidationError as exc:
+            raise Fault(FaultCode.INVALID_REQUEST, fields=_fields(exc)) from exc
+
+    def may(self, role: Role, op: str) -> bool:
+        """Whether a role may ask for an operation."""
+        return ROLES.index(role) >= ROLES.index(self.row(op).least_role)
+
+    def require(self, caller: Caller, op: str) -> None:
+        """Raise `Fault` if the caller may not ask for `op`."""
+        if not self.may(caller.role, op):
+            needs = self.row(op).least_role
+            raise Fault(FaultCode.NOT_ALLOWED, f"{op} needs the role {needs}, this key has {caller.role}", needs=needs,
+                        role=caller.role)  # fmt: skip
+
+
+def _fields(error: ValidationError) -> list[dict[str, str]]:
+    """List each bad field with its trouble; the op that discriminates the union is no part of the path."""
+    return [
+        {"field": ".".join(str(p) for p in e["loc"][1:]) or "(message)", "problem": e["msg"]} for e in error.errors()
+    ]
+
+
+OPERATIONS: Final = OperationTable((*jobs.ROWS, *control.ROWS, *health.ROWS, *describe.ROWS))
+"""All operations, in the order of the page."""

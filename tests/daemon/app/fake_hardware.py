@@ -1,0 +1,95 @@
+"""Devices that answer at once, each answer an await at which something else may happen."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable, Iterable
+from types import SimpleNamespace
+from typing import Any
+
+AXES = ("x", "y", "z", "theta")
+Gate = Callable[[str], Awaitable[None]]
+
+
+async def _open(_what: str) -> None:
+    return
+
+
+class FakeHardware:
+    """Four drives, lights and a camera; `errors` maps what is asked to what it raises."""
+
+    def __init__(self, gate: Gate = _open) -> None:
+        self.gate = gate
+        self.errors: dict[str, Exception] = {}
+        self.homed = dict.fromkeys(AXES, True)
+        self.drive_error = False
+        self.did: list[str] = []
+        self.gantry = self
+        self.lights = self
+        self.buses: dict[str, Any] = {}
+        self.axes: tuple[Any, ...] = ()
+        self.found = {name: SimpleNamespace(fit=True, homed=True) for name in AXES}
+        self.camera = SimpleNamespace(settings=dict, frame_after=self._frame)
+        self.moving = False
+
+    async def _ask(self, what: str) -> None:
+        await self.gate(what)
+        self.did.append(what)
+        if what in self.errors:
+            raise self.errors[what]
+
+    async def in_error(self, _deadline: Any) -> bool:
+        await self._ask("in_error")
+        return self.drive_error
+
+    async def recover(self, _deadline: Any) -> None:
+        await self._ask("recover")
+        self.drive_error = False
+
+    async def check_health(self, _deadline: Any) -> None:
+        await self._ask("check_health")
+
+    async def forget_homing(self, _deadline: Any, axes: Iterable[str] = AXES) -> None:
+        for axis in axes:
+            await self._ask(f"forget {axis}")
+            self.homed[axis] = False
+
+    async def is_homed(self) -> bool:
+        await self._ask("homed")
+        return all(self.homed.values())
+
+    async def _frame(self, _since_s: float, _deadline: Any) -> None:
+        await self._ask("frame")
+
+    async def quick_stop(self) -> None:
+        await self._ask("quick_stop")
+
+    async def position(self, _deadline: Any) -> Any:
+        await self._ask("position")
+        return SimpleNamespace(x_um=0.0, y_um=0.0, z_um=12_000.0, theta_deg=0.0)
+
+    async def set(self, _light: Any, _deadline: Any) -> None:
+        await self._ask("light")
+
+    async def close(self, _deadline: Any) -> None:
+        await self._ask("close")
+
+
+class FakeGantry:
+    """The gantry's side of the devices, whose `homed` is a question and not a table."""
+
+    def __init__(self, hardware: FakeHardware) -> None:
+        self._hardware = hardware
+        self.moving = False
+        self.forget_homing = hardware.forget_homing
+        self.quick_stop = hardware.quick_stop
+        self.position = hardware.position
+
+    async def homed(self, _deadline: Any) -> bool:
+        return await self._hardware.is_homed()
+
+
+def hardware(gate: Gate = _open) -> FakeHardware:
+    """Return devices that are well and homed."""
+    made = FakeHardware(gate)
+    made.gantry = FakeGantry(made)  # type: ignore[assignment]
+    return made

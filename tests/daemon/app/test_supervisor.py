@@ -1,0 +1,364 @@
+"""The supervisor: nothing is cleared before it is known to be well, and nothing runs while it asks."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, cast
+
+import pytest
+
+from daemon.app.supervisor import DOUBT, StationSupervisor
+from daemon.config.current import CurrentSettings
+from daemon.config.model import load_config
+from daemon.domain.board import Board
+from daemon.domain.errors import Fault, FaultCode
+from daemon.domain.states import Lifecycle, State
+from daemon.jobs.context import Outcome
+from daemon.jobs.fault_latch import AXES, FaultLatch
+from daemon.jobs.runner import JobRunner
+from daemon.jobs.station_lock import StationLock
+from daemon.storage.calibration_store import Calibrations
+from daemon.tools.demo.settings import Places, write_settings
+from daemon.wire.operations.table import OPERATIONS
+from drivers.errors import CameraError, DriveFault, EmergencyStop, LightError, LinkTimeout
+from tests.daemon.app.fake_hardware import FakeHardware, Gate, hardware
+from tests.daemon.jobs.memory_journal import MemoryJournal
+from tests.daemon.jobs.surroundings import surroundings
+
+JOBS: dict[str, dict[str, Any]] = {
+    "correct": {"test_point": "TP1"},
+    "place": {"test_point": "TP1"},
+    "look": {},
+    "align": {},
+    "calibrate": {"what": "backlash"},
+    "home": {},
+}
+
+
+class _Images:
+    full = None
+
+    def folder_for(self, _request: Any, *, failed: bool) -> None:  # noqa: ARG002
+        return
+
+
+class Station:
+    """A supervisor and a job runner on devices that answer at once."""
+
+    def __init__(self, folder: Path, journal: MemoryJournal | None = None) -> None:
+        config = load_config(write_settings(Places(folder, folder)))
+        board = cast("Board", _AnyBoard())
+        self.journal, self.latch, self.lock = journal or MemoryJournal(), FaultLatch(), StationLock()
+        self.hardware = hardware()
+        self.opened: list[FakeHardware] = []
+        self.open_error: Exception | None = None
+        self.began: list[str] = []
+        self.supervisor = StationSupervisor(
+            CurrentSettings(config, board), self.latch, self.lock, Calibrations(folder / "calibration", "demo"),
+            cast("Any", self.journal), self._open,
+        )  # fmt: skip
+        self.runner = JobRunner(
+            surroundings(
+                latch=self.latch, lock=self.lock, journal=self.journal, images=_Images(),
+                context=self.supervisor.context, procedures=dict.fromkeys(JOBS, self._procedure),
+            )
+        )  # fmt: skip
+
+    async def _open(self, _config: Any, _deadline: Any) -> Any:
+        if self.open_error is not None:
+            raise self.open_error
+        self.opened.append(self.hardware)
+        return self.hardware
+
+    async def _procedure(self, job: Any, _context: Any) -> Outcome:
+        self.began.append(job.request.op)
+        return Outcome("done")
+
+    def watch(self, gate: Gate) -> None:
+        """Have every question to a device pass a gate from here on."""
+        self.hardware.gate = gate
+
+    async def submit(self, op: str, job_id: str) -> str:
+        """Send a job and return how it was taken."""
+        try:
+            await self.runner.submit(OPERATIONS.parse({"op": op, "id": job_id, **JOBS[op]}))  # type: ignore[arg-type]
+        except Fault as fault:
+            return fault.kind.wire_name
+        return "accepted"
+
+
+class _AnyBoard:
+    """A board that has every point."""
+
+    def point(self, _name: str) -> None:
+        return
+
+    find = point
+
+
+@pytest.fixture
+def station(tmp_path: Path) -> Station:
+    return Station(tmp_path)
+
+
+async def _turns(count: int = 30) -> None:
+    for _ in range(count):
+        await asyncio.sleep(0)
+
+
+async def _until(holds: Callable[[], bool]) -> None:
+    """Let others have their turn until something is true."""
+    async with asyncio.timeout(30.0):
+        while not holds():  # noqa: ASYNC110  # what is waited for has no event of its own
+            await asyncio.sleep(0)
+
+
+def _latched(station: Station) -> None:
+    """A latched fault whose judgement fails at the last question."""
+    station.latch.latch(Fault(FaultCode.LINK_LOST))
+    station.hardware.errors["check_health"] = DriveFault("too hot", device="x", code=0x4310)
+
+
+def _not_homed(station: Station) -> None:
+    station.latch.latch(Fault(FaultCode.EMERGENCY_STOP))
+
+
+def _healthy(_station: Station) -> None:
+    return
+
+
+@pytest.mark.parametrize("situation", [_latched, _not_homed, _healthy])
+@pytest.mark.parametrize("op", JOBS)
+async def test_no_job_begins_at_any_await_of_a_reset(
+    tmp_path: Path, op: str, situation: Callable[[Station], None]
+) -> None:
+    questions = await _reset_with(tmp_path / "count", op, situation, at=-1)
+    assert questions >= 3
+    for at in range(questions):
+        assert await _reset_with(tmp_path / str(at), op, situation, at=at) >= 3
+
+
+async def _reset_with(folder: Path, op: str, situation: Callable[[Station], None], *, at: int) -> int:
+    """Reset, and send a job at the `at`-th question to the devices; return how many there were."""
+    folder.mkdir()
+    station = Station(folder)
+    await station.supervisor.open()
+    assert station.latch.state is State.IDLE
+    situation(station)
+    before = station.latch.causes
+    asked = 0
+    taken: list[str] = []
+
+    async def gate(_what: str) -> None:
+        nonlocal asked
+        if asked == at:
+            taken.append(await station.submit(op, "meanwhile"))
+        asked += 1
+        await _turns()
+        assert station.began == [], f"{op} began at question {asked}"
+        assert set(before) <= set(station.latch.causes), "a fault is not cleared before the last answer"
+        assert station.latch.state is (State.FAULT if before else State.IDLE)
+
+    station.watch(gate)
+    running = asyncio.create_task(station.runner.run())
+    still = await station.supervisor.reset()
+    station.watch(_let_pass)
+    await _turns()
+    if before:
+        assert taken == ([] if at < 0 else ["in_fault"]), "only homing is taken, and only in `not_homed`"
+        assert still is not None
+        assert station.latch.state is State.FAULT
+        assert station.began == []
+    elif at >= 0:
+        assert taken == ["accepted"]
+        assert still is None
+        assert station.began == [op], "it runs when the reset is over"
+    running.cancel()
+    with contextlib.suppress(asyncio.CancelledError):
+        await running
+    return asked
+
+
+async def _let_pass(_what: str) -> None:
+    return
+
+
+async def test_opening_ends_in_idle_or_names_what_is_missing(tmp_path: Path) -> None:
+    good = Station(tmp_path)
+    await good.supervisor.open()
+    assert (good.latch.state, good.latch.lifecycle) == (State.IDLE, Lifecycle.READY)
+    assert good.supervisor.context() is not None
+    bad = Station(tmp_path)
+    bad.open_error = CameraError("no such device", device="camera")
+    await bad.supervisor.open()
+    assert bad.latch.fault is not None
+    assert (bad.latch.fault.kind, bad.latch.lifecycle) == (FaultCode.CAMERA_FAILED, Lifecycle.READY)
+    assert bad.supervisor.context() is None
+    bad.open_error = None
+    assert await bad.supervisor.reset() is None
+    assert bad.latch.state is State.IDLE
+
+
+async def test_a_station_that_is_not_homed_says_so_last(station: Station) -> None:
+    station.hardware.homed["y"] = False
+    await station.supervisor.open()
+    assert station.latch.fault is not None
+    assert station.latch.fault.kind is FaultCode.NOT_HOMED
+    station.hardware.errors["recover"] = LinkTimeout("no answer", device="x")
+    still = await station.supervisor.reset()
+    assert still is not None
+    assert [c.kind for c in station.latch.causes] == [FaultCode.LINK_LOST, FaultCode.NOT_HOMED]
+    station.hardware.errors.clear()
+    await station.supervisor.reset()
+    assert [c.kind for c in station.latch.causes] == [FaultCode.NOT_HOMED], "the link is known to be well"
+
+
+async def test_a_lost_reference_is_taken_from_every_axis_before_anything_is_cleared(station: Station) -> None:
+    await station.supervisor.open()
+    station.latch.latch(Fault(FaultCode.AXIS_STALLED))
+    still = await station.supervisor.reset()
+    assert still is not None
+    assert still.kind is FaultCode.NOT_HOMED
+    assert station.hardware.homed == dict.fromkeys(AXES, False)
+    assert station.latch.doubtful == frozenset()
+
+
+async def test_a_doubt_stays_over_a_reset_that_fails_and_each_axis_is_settled_by_itself(station: Station) -> None:
+    await station.supervisor.open()
+    station.latch.latch(Fault(FaultCode.LIMIT_HIT))
+    station.hardware.errors["forget x"] = LinkTimeout("no answer", device="x")
+    still = await station.supervisor.reset()
+    assert still is not None
+    assert still.kind is FaultCode.LINK_LOST
+    assert station.latch.doubtful == {"x"}
+    assert station.hardware.homed == {"x": True, "y": False, "z": False, "theta": False}
+    station.hardware.errors.clear()
+    station.hardware.homed = dict.fromkeys(AXES, True)  # somebody else's marker: the doubt about x alone is left
+    still = await station.supervisor.reset()
+    assert still is not None
+    assert still.kind is FaultCode.NOT_HOMED
+    assert station.hardware.homed == {"x": False, "y": True, "z": True, "theta": True}
+
+
+async def test_a_drive_that_held_an_error_puts_every_axis_in_doubt(station: Station) -> None:
+    await station.supervisor.open()
+    station.hardware.drive_error = True
+    still = await station.supervisor.reset()
+    assert still is not None
+    assert still.kind is FaultCode.NOT_HOMED
+    assert station.hardware.homed == dict.fromkeys(AXES, False)
+
+
+async def test_a_doubt_is_kept_for_a_daemon_that_is_killed(tmp_path: Path) -> None:
+    first = Station(tmp_path)
+    await first.supervisor.open()
+    looking = asyncio.create_task(first.supervisor.run())
+    first.hardware.errors |= {f"forget {axis}": LinkTimeout("no answer", device=axis) for axis in AXES}
+    first.latch.latch(Fault(FaultCode.AXIS_STALLED))
+    await _until(lambda: DOUBT in first.journal.things)
+    looking.cancel()
+    assert first.journal.things[DOUBT] == {"axes": sorted(AXES)}
+    second = Station(tmp_path, first.journal)
+    await second.supervisor.open()
+    assert second.latch.fault is not None
+    assert second.latch.fault.kind is FaultCode.NOT_HOMED, "its drives still say that they are homed"
+    assert first.journal.things[DOUBT] == {"axes": []}
+
+
+@pytest.mark.parametrize(
+    ("kind", "question", "error"),
+    [(FaultCode.CAMERA_FAILED, "frame", CameraError("no frame", device="camera"))],
+)
+async def test_a_fault_that_the_drives_know_nothing_of_is_asked_for_where_it_is(
+    station: Station, kind: FaultCode, question: str, error: Exception
+) -> None:
+    await station.supervisor.open()
+    station.latch.latch(Fault(kind))
+    station.hardware.errors[question] = error
+    still = await station.supervisor.reset()
+    assert still is not None
+    assert still.kind is kind
+    del station.hardware.errors[question]
+    assert await station.supervisor.reset() is None
+    assert station.latch.state is State.IDLE
+
+
+async def test_a_journal_that_cannot_be_written_keeps_the_fault(station: Station) -> None:
+    await station.supervisor.open()
+    station.latch.latch(Fault(FaultCode.JOURNAL_FAILED))
+    station.journal.broken = True
+    still = await station.supervisor.reset()
+    assert still is not None
+    assert still.kind is FaultCode.JOURNAL_FAILED
+    station.journal.broken = False
+    assert await station.supervisor.reset() is None
+    assert station.latch.state is State.IDLE
+
+
+async def test_a_fault_latched_while_a_reset_works_is_not_cleared_by_it(station: Station) -> None:
+    await station.supervisor.open()
+    station.latch.latch(Fault(FaultCode.LIGHT_FAILED))
+    disk = Fault(FaultCode.JOURNAL_FAILED)
+
+    async def gate(what: str) -> None:
+        if what == "check_health":
+            station.latch.latch(disk)
+
+    station.watch(gate)
+    assert await station.supervisor.reset() is None
+    assert (station.latch.causes, station.latch.state) == ((disk,), State.FAULT)
+
+
+async def test_what_closes_a_station_is_latched_whatever_its_kind(station: Station) -> None:
+    await station.supervisor.open()
+    station.hardware.errors["recover"] = RuntimeError("a bug")
+    still = await station.supervisor.reset()
+    assert still is not None
+    assert still.kind is FaultCode.INTERNAL
+    station.hardware.errors["recover"] = Fault(FaultCode.TIP_NOT_FOUND, "odd")
+    still = await station.supervisor.reset()
+    assert still is not None
+    assert (still.kind, still.detail["was"]) == (FaultCode.INTERNAL, "tip_not_found")
+
+
+async def test_reset_is_refused_while_a_job_runs(station: Station) -> None:
+    await station.supervisor.open()
+    async with station.lock.hold("job"):
+        with pytest.raises(Fault) as refused:
+            await station.supervisor.reset()
+    assert refused.value.kind is FaultCode.BUSY
+    station.latch.begin("look", "l1")
+    with pytest.raises(Fault):
+        await station.supervisor.reset()
+    assert "recover" not in station.hardware.did
+
+
+async def test_the_idle_station_is_looked_after_and_never_beside_somebody_else(
+    station: Station, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daemon.app.supervisor.CHECK_EVERY_S", 0.001)
+    await station.supervisor.open()
+    station.hardware.did.clear()
+    looking = asyncio.create_task(station.supervisor.run())
+    async with station.lock.hold("reset"):
+        await asyncio.sleep(0.02)
+        assert station.hardware.did == []
+    station.hardware.errors["check_health"] = EmergencyStop("pressed", device="x")
+    await _until(lambda: station.latch.fault is not None)
+    assert station.latch.fault is not None
+    assert station.latch.fault.kind is FaultCode.EMERGENCY_STOP
+    await _until(lambda: not station.latch.doubtful)
+    assert station.hardware.homed == dict.fromkeys(AXES, False), "the drives hear of the doubt at once"
+    assert station.latch.fault.kind is FaultCode.EMERGENCY_STOP, "and nothing is cleared by that"
+    looking.cancel()
+
+
+async def test_the_first_check_of_a_start_latches_what_it_finds(station: Station) -> None:
+    await station.supervisor.open()
+    station.hardware.errors["check_health"] = LightError("dark", device="lights")
+    await station.supervisor.first_check()
+    assert station.latch.fault is not None
+    assert station.latch.fault.kind is FaultCode.LIGHT_FAILED
