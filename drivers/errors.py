@@ -13,7 +13,7 @@ DeviceError
 |   +-- Stalled             blocked, or not where it should be
 |   +-- NotHomed            the drive does not know where it is
 |   +-- EnvelopeViolation   the caller asked for a place outside
-|   +-- EmergencyStop       switched off from outside, or by a quick stop
+|   +-- EmergencyStop       motor power cut or drive switched off from outside, or a quick stop by the program
 +-- CameraError             the camera
 |   +-- CameraTimeout       no fresh picture in time (also a TimeoutError)
 +-- LightError              the lamps or their relay
@@ -23,7 +23,13 @@ DeviceError
 class DeviceError(Exception):
     """Base of everything raised by the drivers.
 
-    `device` names the device as the configuration does; `advice` says what to do next.
+    `device` names the device; an error about one axis as a whole has the axis' name there. `advice` says what to do
+    next. What else is known of the error stands in its fields, each None when it is not known:
+
+    - `axis`: the axis whose drive was asked when the line or the drive failed, by its name in the configuration.
+    - `object`: the object that was read or written, index and subindex as in the drive's manual: "6041h:00".
+    - `drive_code`: the drive's own error code, object 603Fh.
+    - `exception`: the refusal's number: below 256 a Modbus exception code, else an SDO abort code.
     """
 
     default_advice = "See the log for what happened just before."
@@ -33,9 +39,23 @@ class DeviceError(Exception):
         self.message = message
         self.device = device
         self.advice = advice if advice is not None else self.default_advice
+        self.axis: str | None = None
+        self.object: str | None = None
+        self.drive_code: int | None = None
+        self.exception: int | None = None
 
     def __str__(self) -> str:
         return f"{self.device}: {self.message}"
+
+    def fields(self) -> dict[str, str | int]:
+        """Give the fields that are known, by their names."""
+        known: dict[str, str | int | None] = {
+            "axis": self.axis,
+            "object": self.object,
+            "drive_code": self.drive_code,
+            "exception": self.exception,
+        }
+        return {name: value for name, value in known.items() if value is not None}
 
 
 class LinkError(DeviceError):
@@ -78,23 +98,28 @@ class DeviceRefused(DeviceError):
     """The device understood the request and refused it.
 
     Examples: Modbus exception 02 (illegal address), CANopen abort 06020000h (no such object). `code` is that
-    number.
+    number, and the field `exception` too.
     """
 
     default_advice = "Compare the device's model and firmware with the configuration."
 
     def __init__(self, message: str, *, device: str, code: int, advice: str | None = None) -> None:
         super().__init__(message, device=device, advice=advice)
-        self.code = code
+        self.code = self.exception = code
 
 
 class MotionError(DeviceError):
     """The machine did not do what it was told.
 
-    Examples: a state change that never came, a set-point that was not acknowledged.
+    Examples: a state change that never came, a set-point that was not acknowledged. `drive_code` is object 603Fh,
+    where the drive named an error; zero means that it named none.
     """
 
     default_advice = "Look at the axis, then reset and home again."
+
+    def __init__(self, message: str, *, device: str, advice: str | None = None, drive_code: int = 0) -> None:
+        super().__init__(message, device=device, advice=advice)
+        self.drive_code = drive_code or None
 
 
 class MotionTimeout(MotionError, TimeoutError):
@@ -107,7 +132,7 @@ class MotionTimeout(MotionError, TimeoutError):
 
 
 class DriveFault(MotionError):
-    """The drive is in its fault state; `code` is object 603Fh.
+    """The drive is in its fault state; `code` is object 603Fh, zero when it could not be read.
 
     Examples: over-voltage, over-temperature, encoder error.
     """
@@ -115,7 +140,7 @@ class DriveFault(MotionError):
     default_advice = "Remove the cause the drive names, then reset."
 
     def __init__(self, message: str, *, device: str, code: int, advice: str | None = None) -> None:
-        super().__init__(message, device=device, advice=advice)
+        super().__init__(message, device=device, advice=advice, drive_code=code)
         self.code = code
 
 
@@ -156,12 +181,16 @@ class EnvelopeViolation(MotionError):
 
 
 class EmergencyStop(MotionError):
-    """The drives were stopped or switched off while moving.
+    """A drive lost its motor power or was switched off from outside, at rest or in a move; or the program stopped it.
 
-    Examples: the e-stop button, the drive's voltage gone, a quick stop by the program.
+    Examples: the e-stop button held or pressed for a moment, the drive's voltage gone, a quick stop by the program.
+    A supply that fails by itself looks the same to the drive and is raised as this too: the cure is the same.
     """
 
-    default_advice = "Release the emergency stop when it is safe, then reset and home."
+    default_advice = (
+        "Release the emergency stop when it is safe, then reset and home. "
+        "If nobody pressed it, check the motor supply first."
+    )
 
 
 class CameraError(DeviceError):

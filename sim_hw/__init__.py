@@ -1,1 +1,1 @@
-"""A simulated station that is reached by the real wires only."""
+"""Simulated station that is reached by the real wires only."""

@@ -1,4 +1,4 @@
-"""The bench socket: how a test harness breaks things and learns the truth. Never part of a daemon's configuration."""
+"""Bench socket: how a test harness breaks things and learns the truth. Never part of a daemon's configuration."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The simulated station: plant, slaves, line, camera, truth log and bench socket, started and ended together."""
+"""Whole simulated station: plant, slaves, line, camera, truth log and bench socket, started and ended together."""
 
 from __future__ import annotations
 
@@ -79,7 +79,12 @@ class Station:
             bench = BenchServer(self, options.bench)
             stack.callback(bench.close)
             camera = self._camera = CameraServer(
-                self.plant, self.board, self.clock, options.camera, self.faults, options.seed
+                plant=self.plant,
+                board=self.board,
+                clock=self.clock,
+                endpoint=options.camera,
+                faults=self.faults,
+                seed=options.seed,
             )
             tasks = [loop.create_task(part) for part in (bench.serve(), camera.serve(), self._follow(log))]
             stack.push_async_callback(_cancel, tasks)

@@ -1,4 +1,4 @@
-"""The truth log: where the tip really was against the real centres of pads and card; no wire carries it."""
+"""Truth log: where the tip really was against the real centres of pads and card; no wire carries it."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from typing import Any, Protocol
 from sim_hw.plant.plant import Plant
 from sim_hw.scene.needle_bend import bend_um
 
-#: Name of the control point of the card among the targets.
 CONTROL = "CONTROL"
-#: Targets farther from the tip than this are left out of a record.
+"""Name of the control point of the card among the targets."""
 REACH_UM = 3000.0
+"""Targets farther from the tip than this are left out of a record."""
 
 
 class RoundTarget(Protocol):

@@ -7,10 +7,13 @@ from collections.abc import Iterator
 
 import pytest
 import structlog
-from hypothesis import HealthCheck, settings
+from hypothesis import HealthCheck, Phase, settings
 
 # These machines are noisy: how long an example takes says nothing.
 settings.register_profile("reprobe", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile(
+    "first-failure", settings.get_profile("reprobe"), phases=[phase for phase in Phase if phase is not Phase.shrink]
+)
 settings.load_profile("reprobe")
 
 

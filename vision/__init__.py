@@ -1,17 +1,21 @@
-"""Pure functions: image in, geometry out."""
+"""Machine vision of a probe station: image in, geometry out, by pure functions."""
 
-from vision.annotate.draw import crop, draw_test_points, draw_tip
-from vision.control_point.find import Arm, ControlPoint, find_control_point
-from vision.core.image_quality import ImageQuality, measure_quality
-from vision.core.not_found import NotFound, Reason
-from vision.core.view import View
-from vision.geometry.camera_model import Extrinsics, Intrinsics, Plane, back_project, project
-from vision.geometry.extrinsics import ExtrinsicsFit, fit_extrinsics
-from vision.geometry.orthophoto import Orthophoto, make_orthophoto
-from vision.pads.find import Seen, TestPoint, find_test_points
-from vision.pads.rules import RULES, Decided, Hole, SeenObject, Verdict
-from vision.tip.find import Tip, find_tip
-from vision.tip.probe_model import ProbeModel
+from vision.annotate import crop, draw_test_points, draw_tip
+from vision.control_point import Arm, ControlPoint, find_control_point
+from vision.core import ImageQuality, NotFound, Reason, View, measure_quality
+from vision.geometry import (
+    Extrinsics,
+    ExtrinsicsFit,
+    Intrinsics,
+    Orthophoto,
+    Plane,
+    back_project,
+    fit_extrinsics,
+    make_orthophoto,
+    project,
+)
+from vision.pads import RULES, Decided, Hole, Seen, SeenObject, TestPoint, Verdict, find_test_points
+from vision.tip import ProbeModel, Tip, find_tip
 
 __all__ = [
     "RULES",

@@ -1,4 +1,4 @@
-"""Load what the first look needs and a start does not: a daemon says that it is ready, then does this beside.
+"""Late imports: what the first look needs and a start does not; a daemon loads it once it is ready.
 
 Imports in functions (LAPACK, special functions) cost a third of the time a process takes to start, and nothing once
 they have been done.

@@ -124,7 +124,7 @@ class StationSupervisor:
             fit = await self._open(deadline)
         else:
             fit = False
-            if await self._hardware.in_error(deadline):
+            if await self._hardware.in_trouble(deadline):
                 self._latch.doubt(AXES)
             await self._settle_doubts(self._hardware, deadline)
             await self._hardware.recover(deadline)

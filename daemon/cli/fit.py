@@ -13,8 +13,7 @@ from rich.table import Table
 
 from daemon.cli.output import USAGE, AsJson, fail, out, say_json
 from daemon.tools.rotation_csv import BadRecord, RotationalRecord, read_record
-from vision.head.fit import Choice, HeadFit, fit_head, head_positions_um, order_table
-from vision.head.record import repeatability_um
+from vision.head import Choice, HeadFit, fit_head, head_positions_um, order_table, repeatability_um
 
 LANDED_UM = 200.0
 """The thesis counts a landing within this distance (6.3)."""

@@ -14,7 +14,7 @@ from daemon.cli.output import USAGE, err, fail
 from daemon.cli.picture_files import Pixels, open_picture
 from daemon.cli.vision_output import cross_facts, cross_table, seen_facts, seen_table, tip_facts, tip_table
 from vision import ControlPoint, NotFound, ProbeModel, Tip, find_control_point, find_test_points, find_tip
-from vision.annotate.draw import Searched, draw_control_point, draw_look, draw_test_points, draw_tip
+from vision.annotate import Searched, draw_control_point, draw_look, draw_test_points, draw_tip
 
 PAD_REACH_PX, CROSS_REACH_PX, ARM_PX = 30.0, 60.0, 60.0
 NOT_SEARCHED = {

@@ -15,7 +15,7 @@ from daemon.cli.picture_files import Pixels, check_place, check_target, keep, op
 from daemon.cli.points import point_option
 from daemon.cli.vision_output import facts_table, number, numbers
 from vision import NotFound, ProbeModel, Tip, find_tip
-from vision.annotate.draw import draw_tip, draw_untaught
+from vision.annotate import draw_tip, draw_untaught
 
 app = typer.Typer()
 MOST_OFF_PX = 0.5

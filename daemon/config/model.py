@@ -16,8 +16,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from daemon.config.watch_names import is_known
 from daemon.domain.roles import Role
-from vision.geometry.frames import Rigid2
-from vision.head.model import CircleHead
+from vision.geometry import Rigid2
+from vision.head import CircleHead
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]

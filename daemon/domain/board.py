@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from daemon.domain.errors import Fault, FaultCode
-from vision.geometry.frames import Array
+from vision.geometry import Array
 
 BOARD_FORMAT: Literal["reprobe-board-1"] = "reprobe-board-1"
 SAME_SIZE = 0.2

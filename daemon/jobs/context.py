@@ -1,13 +1,13 @@
-"""What a running job has at hand, and what it brings home."""
+"""Context and outcome of a running job, and the type of its procedure."""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Coroutine
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
-from daemon.config.model import Config
+from daemon.config.model import CameraSection, Config, GantrySection, ServoSection
 from daemon.domain.board import Board
 from daemon.domain.states import Event, State
 from daemon.platform.clock import Stopwatch
@@ -16,6 +16,7 @@ from daemon.station.station import LookResult, Station
 from daemon.storage.calibration_store import Calibrations
 from daemon.wire.operations.jobs import AnyJob
 from drivers.deadline import Deadline
+from vision.geometry import PoseMap
 
 
 @dataclass
@@ -31,7 +32,7 @@ class Outcome:
 
 @dataclass
 class StationContext:
-    """What jobs work with, the same for all of them."""
+    """Station, board and calibrations as procedures use them, the same for all jobs."""
 
     config: Config
     station: Station
@@ -39,9 +40,31 @@ class StationContext:
     calibrations: Calibrations
     geometry: Geometry
 
+    @property
+    def servo(self) -> ServoSection:
+        """When a correction is good, and when it must give up."""
+        return self.config.servo
+
+    @property
+    def gantry(self) -> GantrySection:
+        """Heights, approach and settling of the axes."""
+        return self.config.gantry
+
+    @property
+    def camera(self) -> CameraSection:
+        """The camera on the head."""
+        return self.config.camera
+
+    def require_map(self) -> PoseMap:
+        """Return the pose map in force; raise `Fault` if there is none, or it is too old or of another height."""
+        return self.calibrations.require_map(self.servo.calibration_days, self.gantry.work_z_um)
+
 
 class JobContext:
-    """One job under way: its request, its deadline, its time, and everything it saw."""
+    """One job under way: its request, its deadline, its stopwatch, and everything it saw.
+
+    It satisfies `daemon.station.allowance.Clocked`, so the station's methods take the job itself.
+    """
 
     def __init__(
         self,
@@ -76,7 +99,7 @@ class JobContext:
         self.watch.enter(self._fire(event).value)
 
     def saw(self, look: LookResult) -> None:
-        """Count a look; of its frames only the first and the last stay in memory, for a picture is 6 MB."""
+        """Count a look; of its frames only the first and the last stay in memory, for a frame is 6 MB."""
         self.looks += 1
         self.first_look = self.first_look or look
         self.last_look = look
@@ -92,5 +115,8 @@ class JobContext:
             await asyncio.gather(*steps)
 
 
+RequestT = TypeVar("RequestT", bound=AnyJob)
 Procedure = Callable[[JobContext, StationContext], Awaitable[Outcome]]
 """A job's body. It fires every event but the last `on_target`, and returns how it ended."""
+ProcedureFor = Callable[[JobContext, StationContext, RequestT], Awaitable[Outcome]]
+"""The same for one kind of request, which it is handed: `ProcedureFor[Correct]`."""

@@ -19,7 +19,7 @@ from daemon.station.station import LookResult
 from daemon.wire.operations.jobs import AnyJob, Look
 from drivers.camera.contract import Pixels
 from vision import Tip
-from vision.annotate.draw import draw_control_point, draw_test_points, draw_tip
+from vision.annotate import draw_control_point, draw_test_points, draw_tip
 
 log = structlog.get_logger(__name__)
 JPEG_QUALITY = 92

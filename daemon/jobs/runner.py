@@ -27,6 +27,7 @@ from daemon.jobs.preconditions import refuse_in_fault, refuse_other_request, ref
 from daemon.jobs.station_lock import StationLock
 from daemon.jobs.watchdog import Watchdog
 from daemon.platform.clock import utc_now
+from daemon.station.allowance import Allowance
 from daemon.station.device_errors import as_fault, forget_frames
 from daemon.storage.journal import Journal
 from daemon.wire.deadline import due_at_s
@@ -296,7 +297,7 @@ class JobRunner:
         if context is None or self._latch.state not in BUSY:
             return None
         try:
-            await asyncio.shield(context.station.lights_off(job.watch, Deadline.after(DARK_WITHIN_S)))
+            await asyncio.shield(context.station.lights_off(Allowance(Deadline.after(DARK_WITHIN_S), job.watch)))
         except Exception as exc:  # noqa: BLE001  # the job's own end matters more; the light's trouble latches a fault
             log.error("lights_not_off", error=str(exc))
             return as_fault(exc)

@@ -14,10 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision import ProbeModel, Tip
-from vision.core.image import Bgr, gray, red_signal
-from vision.core.image_quality import measure_quality
-from vision.tip.probe_model import needle_outline
-from vision.tip.strip import straighten
+from vision.core import Bgr, gray, measure_quality, red_signal
+from vision.tip import probe_outline, straighten
 
 # The needle's own flanks are blurred: this much of them is left out.
 INSET_PX = 3.0
@@ -77,7 +75,7 @@ def _window(frame: Bgr, tip: Tip) -> tuple[int, int, int, int] | None:
 def _inside(tip: Tip, window: tuple[int, int, int, int]) -> NDArray[np.bool_]:
     """Return where in the window the needle is, well inside its edges."""
     x, y, width, height = window
-    outline = needle_outline((tip.x_px - x, tip.y_px - y), tip.angle_rad, tip.shape, -INSET_PX)
+    outline = probe_outline((tip.x_px - x, tip.y_px - y), tip.angle_rad, tip.shape, -INSET_PX)
     mask = np.zeros((height, width), dtype=np.uint8)
     cv2.fillPoly(mask, [np.rint(outline).astype(np.int32)], (1,))
     return mask > 0

@@ -138,6 +138,11 @@ class Share:
             self._retire(self._blocks.popleft())
         self._judge()
 
+    @property
+    def dispersion(self) -> float:
+        """How much the usual events hang together, as variance over mean; 1 if not at all."""
+        return self._usual.dispersion(1.0)
+
     def _retire(self, old: Block) -> None:
         """Let a block become part of what is usual, unless something is wrong."""
         if self.finding is None and self._usual.trials < self.settings.most:

@@ -43,6 +43,11 @@ class Notifier:
         """How often the watchdog wants to be fed: twice as often as it must."""
         return self.watchdog_s / 2 if self.watchdog_s is not None else None
 
+    @property
+    def deaf(self) -> bool:
+        """Whether the manager did not take the last line."""
+        return self._deaf
+
     def ready(self, status: str) -> None:
         """Say that the start, or a reload, is over."""
         self._status = _one_line(status)

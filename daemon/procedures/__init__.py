@@ -1,1 +1,1 @@
-"""What one job does, step by step."""
+"""Procedures: what one job of each kind does, step by step; `registry` lists them."""

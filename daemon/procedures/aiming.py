@@ -1,4 +1,4 @@
-"""From one look to one decision: where the target is from the tip, in um, or why that cannot be said."""
+"""Aiming by one look: where the target is from the tip, in um, or why that cannot be said."""
 
 from __future__ import annotations
 
@@ -14,10 +14,8 @@ from daemon.jobs.context import JobContext, StationContext
 from daemon.station.station import LookResult, Search
 from drivers.gantry import Position
 from vision import NotFound, Reason, TestPoint, Tip
-from vision.geometry.constellation import ConstellationMatch, match_near, match_target
-from vision.geometry.frames import Array
-from vision.geometry.pose_map import Correction, PoseMap
-from vision.pads.occlusion import needle_hides
+from vision.geometry import Array, ConstellationMatch, Correction, PoseMap, match_near, match_target
+from vision.pads import probe_hides
 
 UNUSABLE = frozenset({Reason.TOO_DARK, Reason.SATURATED, Reason.BLURRED, Reason.OUT_OF_FRAME})
 STILL_UM = 45.0
@@ -69,7 +67,7 @@ class Aim:
 def known_beforehand(context: StationContext) -> Prior | None:
     """Return what a station knows before its first look: something only if head and board have been calibrated."""
     aligned = context.calibrations.head is not None and context.calibrations.alignment(context.board) is not None
-    return Prior((0.0, 0.0), context.config.servo.trusted_um) if aligned else None
+    return Prior((0.0, 0.0), context.servo.trusted_um) if aligned else None
 
 
 async def look_and_aim(
@@ -103,11 +101,11 @@ async def _aim(
 ) -> Aim:
     """Take one look."""
     model = context.calibrations.require_probe()
-    servo = context.config.servo
+    servo = context.servo
     reach_um = servo.max_placement_um + servo.match_um
     height_um = context.geometry.height_below_um(position)
     search = Search.by_map(pose_map, model.tip_px, point, reach_um, height_um)
-    look = await context.station.look(position, model, search, job.watch, job.deadline)
+    look = await context.station.look(position, model, search, job)
     job.saw(look)
     try:
         tip = require_tip(look)
@@ -133,7 +131,7 @@ def require_tip(look: LookResult) -> Tip:
 
 
 def refuse_unusable(missing: NotFound) -> None:
-    """Raise if it is the picture itself that is no good: no other place helps then."""
+    """Raise `Fault` if it is the frame itself that is no good: no other place helps then."""
     if missing.reason in UNUSABLE:
         raise Fault(FaultCode.FRAME_UNUSABLE, missing.message, reason=missing.reason.value)
 
@@ -156,14 +154,14 @@ def choose(
         raise Fault(FaultCode.TEST_POINT_NOT_FOUND, "the red picture was not searched")
     if isinstance(seen.nearest, NotFound):
         refuse_unusable(seen.nearest)
-    servo, theta, tip_px = context.config.servo, look.position.theta_deg, (tip.x_px, tip.y_px)
+    servo, theta, tip_px = context.servo, look.position.theta_deg, (tip.x_px, tip.y_px)
     radius_px = point.diameter_um / 2 * pose_map.scale_px_per_um(tip_px)
 
     def places_um(pixels: list[tuple[float, float]]) -> Array:
         return pose_map.from_tip_um(pixels, tip_px, theta, height_um=height_um) if pixels else np.empty((0, 2))
 
     def hidden(places: Array) -> Sequence[bool]:
-        return needle_hides(tip, pose_map.to_px(places, tip_px, theta, height_um=height_um), radius_px)
+        return probe_hides(tip, pose_map.to_px(places, tip_px, theta, height_um=height_um), radius_px)
 
     cad = lookalikes(point, look.position, context)
     pads = places_um([(p.x_px, p.y_px) for p in seen.taken])
@@ -206,7 +204,7 @@ def lookalikes(point: BoardPoint, position: Position, context: StationContext) -
 
     The nominal place of the target is taken as the origin: what the placement missed is what is to be found.
     """
-    servo = context.config.servo
+    servo = context.servo
     places = context.board.lookalikes_um(point, 3 * (servo.max_placement_um + servo.match_um))
     from_tip: Array = context.geometry.board_to_robot_um(places) - context.geometry.tip_um(position)
     return from_tip

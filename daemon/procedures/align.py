@@ -1,4 +1,4 @@
-"""Where the board lies: look at its fiducials and fit CAD to what was seen (three points align the board)."""
+"""Alignment of the board: look at its fiducials and fit CAD to what was seen (three points align the board)."""
 
 from __future__ import annotations
 
@@ -17,10 +17,8 @@ from daemon.procedures.move_sequence import MoveSequence, shifted
 from daemon.storage.calibration_records import Aligned, AlignmentLimits, AlignmentRecord
 from daemon.wire.operations.jobs import Align
 from drivers.gantry import Position
-from vision.geometry.board_alignment import Alignment
-from vision.geometry.board_alignment import align as fit_board
-from vision.geometry.frames import Array
-from vision.geometry.pose_map import PoseMap
+from vision.geometry import Alignment, Array, PoseMap
+from vision.geometry import align as fit_board
 
 LEAST = 3
 MAX_RESIDUAL_UM = 60.0
@@ -32,17 +30,14 @@ SCATTER_UM = 6.0
 """Of a fiducial's coordinate, one sigma; what three fiducials' residuals say of it is next to nothing."""
 
 
-async def align(job: JobContext, context: StationContext) -> Outcome:
+async def align(job: JobContext, context: StationContext, request: Align) -> Outcome:
     """Look at the fiducials from the head angles asked for and keep the board's pose; else the old one stays."""
-    request = job.request
-    if not isinstance(request, Align):
-        raise TypeError(request)
     tell_old(job, context, "alignment")
     points = _fiducials(request, context)
     context.calibrations.require_probe()
-    pose_map = context.calibrations.require_map(context.config.servo.calibration_days, context.config.gantry.work_z_um)
-    await context.station.require_homed(job.watch, job.deadline)
-    r = context.config.servo.max_placement_um
+    pose_map = context.require_map()
+    await context.station.require_homed(job)
+    r = context.servo.max_placement_um
     stops = [(p, _nominal(context, p, theta)) for theta in request.thetas_deg for p in points]
     for _, place in stops:
         context.station.check(shifted(place, -r, -r))
@@ -107,7 +102,7 @@ async def _aim(sequence: MoveSequence, point: BoardPoint, place: Position, pose_
         if unclear.kind not in UNCLEAR:
             raise
     dx, dy = sidestep_um(sequence.context, point, pose_map, place.theta_deg)
-    longest = sequence.context.config.servo.max_placement_um / max(1.0, math.hypot(dx, dy))
+    longest = sequence.context.servo.max_placement_um / max(1.0, math.hypot(dx, dy))
     share = min(1.0, longest)
     position = await sequence.go(shifted(place, dx * share, dy * share))
     return await look_and_aim(sequence.job, sequence.context, position, point, pose_map)
@@ -123,7 +118,7 @@ def _fit(points: list[BoardPoint], views: dict[str, list[Array]], context: Stati
             max_residual_um=MAX_RESIDUAL_UM,
             max_scale_error=MAX_SCALE_ERROR,
             nominal=context.config.board.pose(),
-            max_shift_um=context.config.servo.max_placement_um,
+            max_shift_um=context.servo.max_placement_um,
             max_turn_deg=MAX_TURN_DEG,
             least_scatter_um=SCATTER_UM,
         )

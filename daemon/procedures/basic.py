@@ -1,4 +1,4 @@
-"""The smaller jobs: home, place, look. They walk the same states as a correction."""
+"""Procedures of the smaller jobs: home, place, look. They walk the same states as a correction."""
 
 from __future__ import annotations
 
@@ -17,33 +17,28 @@ ARRIVED_WITHIN_UM = 10.0
 FREE_LOOK_REACH_UM = 1000.0
 
 
-async def home(job: JobContext, context: StationContext) -> Outcome:
+async def home(job: JobContext, context: StationContext, _request: Home) -> Outcome:
     """Home all axes and see that the drives agree."""
-    if not isinstance(job.request, Home):
-        raise TypeError(job.request)
     job.fire(Event.DEPARTED)
     job.moves += 1
-    await context.station.home(job.watch, job.deadline)
+    await context.station.home(job)
     job.fire(Event.ARRIVED)
-    await context.station.require_homed(job.watch, job.deadline)
-    position = await context.station.position(job.watch, job.deadline)
+    await context.station.require_homed(job)
+    position = await context.station.position(job)
     return Outcome("homed", detail={"position": _numbers(position)})
 
 
-async def place(job: JobContext, context: StationContext) -> Outcome:
+async def place(job: JobContext, context: StationContext, request: Place) -> Outcome:
     """Put the tip over a test point by the head model and the board's nominal pose."""
-    request = job.request
-    if not isinstance(request, Place):
-        raise TypeError(request)
     job.partial.test_point = request.test_point
     place_um = _place_of(request, context)
-    await context.station.require_homed(job.watch, job.deadline)
+    await context.station.require_homed(job)
     target = context.geometry.position_over(place_um, request.theta_deg)
     context.station.check(target)
     job.fire(Event.ACCEPTED)
     job.fire(Event.SEEN)
     job.moves += 1
-    position = await context.station.go(target, job.watch, job.deadline)
+    position = await context.station.go(target, job)
     job.fire(Event.ARRIVED)
     away_um = math.dist((position.x_um, position.y_um, position.z_um), (target.x_um, target.y_um, target.z_um))
     if away_um > ARRIVED_WITHIN_UM:
@@ -52,18 +47,14 @@ async def place(job: JobContext, context: StationContext) -> Outcome:
     return Outcome("placed", test_point=request.test_point, detail={"position": _numbers(position)})
 
 
-async def look(job: JobContext, context: StationContext) -> Outcome:
-    """Look once and tell what is seen. Nothing moves; without a taught probe only the pictures are taken."""
-    request = job.request
-    if not isinstance(request, Look):
-        raise TypeError(request)
+async def look(job: JobContext, context: StationContext, request: Look) -> Outcome:
+    """Look once and tell what is seen. Nothing moves; without a taught probe only the frames are taken."""
     job.partial.test_point = request.test_point
     job.fire(Event.ACCEPTED)
-    position = await context.station.position(job.watch, job.deadline)
+    position = await context.station.position(job)
     if request.test_point is not None:
         point = context.board.point(request.test_point)
-        calibrations = context.calibrations
-        pose_map = calibrations.require_map(context.config.servo.calibration_days, context.config.gantry.work_z_um)
+        pose_map = context.require_map()
         aim = await look_and_aim(job, context, position, point, pose_map, known_beforehand(context))
         return Outcome(
             "looked",
@@ -78,8 +69,8 @@ async def _look_freely(job: JobContext, context: StationContext, position: Posit
     """Look without expecting any size; the answer lists all that was taken."""
     probe, pose_map = context.calibrations.probe, context.calibrations.pose_map
     below_px = pose_map.below_tip_px if pose_map else (0.0, 0.0)
-    search = Search(below_px, FREE_LOOK_REACH_UM / context.config.camera.pitch_um, None)
-    look = await context.station.look(position, probe, search, job.watch, job.deadline)
+    search = Search(below_px, FREE_LOOK_REACH_UM / context.camera.pitch_um, None)
+    look = await context.station.look(position, probe, search, job)
     job.saw(look)
     body = describe(look, None, None)
     if look.seen is not None:

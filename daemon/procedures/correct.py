@@ -1,4 +1,4 @@
-"""One correction: look, move, look again, until the tip is on the pad (thesis figure 5.2; PBVS look-and-move)."""
+"""Correction of a missed touch: look, move, look again until the tip is on the pad (thesis figure 5.2; PBVS)."""
 
 from __future__ import annotations
 
@@ -13,33 +13,30 @@ from daemon.jobs.context import JobContext, Outcome, StationContext
 from daemon.procedures.aiming import STILL_UM, UNCLEAR, Aim, Prior, known_beforehand, look_and_aim
 from daemon.wire.operations.jobs import Correct
 from drivers.gantry import Position
-from vision.geometry.pose_map import PoseMap
+from vision.geometry import PoseMap
 
 SIDESTEP_MARGIN_PX = 4.0
 
 
-async def correct(job: JobContext, context: StationContext) -> Outcome:
-    """Bring the tip onto the test point it missed."""
-    request = job.request
-    if not isinstance(request, Correct):
-        raise TypeError(request)
+async def correct(job: JobContext, context: StationContext, request: Correct) -> Outcome:
+    """Bring the tip onto the test point it missed; a `Fault` says why that could not be done."""
     point, pose_map, start = await admit(job, context, request)
     job.fire(Event.ACCEPTED)
-    start = await context.station.to_work_height(start, job.watch, job.deadline)
+    start = await context.station.to_work_height(start, job)
     aim = await _first_aim(job, context, start, point, pose_map)
     before_um = math.dist(aim.place_um, (start.x_um, start.y_um))
     job.partial.error_before_um = round(before_um, 2)
-    tolerance_um = context.config.servo.tolerance_um
+    tolerance_um = context.servo.tolerance_um
     if aim.error_um <= tolerance_um:
         return _outcome("corrected" if job.moves else "already_on_target", point, before_um, aim)
-    while job.moves < context.config.servo.max_moves:
+    while job.moves < context.servo.max_moves:
         position = await _step(job, context, aim.look.position, _way(aim), pose_map)
         last_um, seen = aim.error_um, Prior(aim.shift_um, STILL_UM, firm=True)
         aim = await look_and_aim(job, context, position, point, pose_map, seen)
         job.partial.error_after_um = round(aim.error_um, 2)
         if aim.error_um <= tolerance_um:
             return _outcome("corrected", point, before_um, aim)
-        _must_shrink(last_um, aim.error_um, context.config.servo.scatter_um)
+        _must_shrink(last_um, aim.error_um, context.servo.scatter_um)
     raise Fault(
         FaultCode.NOT_CONVERGING,
         f"still {aim.error_um:.0f} um off after {job.moves} moves (tolerance {tolerance_um:.0f} um)",
@@ -101,18 +98,18 @@ async def admit(job: JobContext, context: StationContext, request: Correct) -> t
     """Check all that must hold before anything is done: homing, calibration, the head's place, the envelope."""
     job.partial.test_point = request.test_point
     point = context.board.point(request.test_point)
-    await context.station.require_homed(job.watch, job.deadline)
+    await context.station.require_homed(job)
     context.calibrations.require_probe()
-    pose_map = context.calibrations.require_map(context.config.servo.calibration_days, context.config.gantry.work_z_um)
-    position = await context.station.position(job.watch, job.deadline)
+    pose_map = context.require_map()
+    position = await context.station.position(job)
     context.station.check(context.geometry.position_over(point.place_um, position.theta_deg))
     away_um = math.hypot(*context.geometry.from_tip_um(point.place_um, position))
-    if away_um > context.config.servo.max_placement_um:
+    if away_um > context.servo.max_placement_um:
         raise Fault(
             FaultCode.NOT_AT_TEST_POINT,
             f"the head is {away_um / 1000:.1f} mm from {point.name}",
             away_um=round(away_um, 1),
-            limit_um=context.config.servo.max_placement_um,
+            limit_um=context.servo.max_placement_um,
         )
     return point, pose_map, position
 
@@ -126,7 +123,7 @@ async def _go(
     job: JobContext, context: StationContext, here: Position, way_um: tuple[float, float], pose_map: PoseMap
 ) -> Position:
     """Move by an absolute target, never further than the map was calibrated for; return where the head is."""
-    limit_um = min(pose_map.radius_um, context.config.servo.max_placement_um)
+    limit_um = min(pose_map.radius_um, context.servo.max_placement_um)
     length_um = math.hypot(*way_um)
     if not length_um <= limit_um:
         raise Fault(
@@ -134,11 +131,11 @@ async def _go(
             f"the correction would be {length_um:.0f} um; calibrated are {limit_um:.0f} um",
             correction_um=round(length_um, 1),
         )
-    target = Position(here.x_um + way_um[0], here.y_um + way_um[1], context.config.gantry.work_z_um, here.theta_deg)
+    target = Position(here.x_um + way_um[0], here.y_um + way_um[1], context.gantry.work_z_um, here.theta_deg)
     context.station.check(target)
-    await context.station.prepare_white(job.watch, job.deadline)
+    await context.station.prepare_white(job)
     job.moves += 1
-    reached = await context.station.go(target, job.watch, job.deadline)
+    reached = await context.station.go(target, job)
     job.note("move", {"x_um": round(target.x_um, 2), "y_um": round(target.y_um, 2), "theta_deg": here.theta_deg})
     return reached
 

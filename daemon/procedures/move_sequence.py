@@ -1,4 +1,4 @@
-"""The way of a job from place to place: every move with what is looked at after it is one round of move and verify."""
+"""Sequence of a job's moves: every move, with what is looked at after it, is one round of move and verify."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ class MoveSequence:
         station.check(target)
         job.fire(Event.OFF_TARGET if self._under_way else Event.SEEN)
         self._under_way = True
-        await station.prepare_white(job.watch, job.deadline)
+        await station.prepare_white(job)
         job.moves += 1
-        position = await station.go(target, job.watch, job.deadline, from_above=from_above)
+        position = await station.go(target, job, from_above=from_above)
         job.note("move", {"x_um": round(target.x_um, 2), "y_um": round(target.y_um, 2), "theta_deg": target.theta_deg})
         job.fire(Event.ARRIVED)
         return position

@@ -8,23 +8,43 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from importlib import import_module
-from inspect import iscoroutinefunction
+from inspect import iscoroutinefunction, signature
 from pkgutil import walk_packages
 from types import ModuleType
+from typing import Any
 
 import daemon.procedures
-from daemon.jobs.context import Procedure
+from daemon.jobs.context import JobContext, Outcome, Procedure, ProcedureFor, StationContext
+from daemon.wire.operations.row import Operation
 from daemon.wire.operations.table import OPERATIONS
+from daemon.wire.requests import Request
 
 
-def find_procedures(ops: Iterable[str], package: ModuleType) -> dict[str, Procedure]:
+def procedure(kind: type[Request], body: ProcedureFor[Any]) -> Procedure:
+    """Return `body` as a procedure of any job, which hands it the job's request; TypeError for another kind of request.
+
+    TypeError also, and at once, for a body whose last parameter is not annotated with `kind`.
+    """
+    *_, last = signature(body, eval_str=True).parameters.values()
+    if last.annotation is not kind:
+        raise TypeError(f"the procedure {body.__name__} takes {last.annotation}, not {kind.__name__}")
+
+    async def run(job: JobContext, context: StationContext) -> Outcome:
+        if not isinstance(job.request, kind):
+            raise TypeError(f"a request {job.request.op!r} is not for the procedure of {kind.__name__}")
+        return await body(job, context, job.request)
+
+    return run
+
+
+def find_procedures(rows: Iterable[Operation], package: ModuleType) -> dict[str, Procedure]:
     """Return operation -> procedure; raise LookupError for an operation that has none, or more than one."""
     modules = list(_modules(package))
-    return {op: _procedure(op, modules) for op in ops}
+    return {row.op: procedure(row.request, _body(row.op, modules)) for row in rows}
 
 
-def _procedure(op: str, modules: Iterable[ModuleType]) -> Procedure:
-    found: list[Procedure] = [vars(module)[op] for module in modules if _defines(module, op)]
+def _body(op: str, modules: Iterable[ModuleType]) -> ProcedureFor[Any]:
+    found: list[ProcedureFor[Any]] = [vars(module)[op] for module in modules if _defines(module, op)]
     if len(found) != 1:
         raise LookupError(f"operation {op!r} has {len(found)} procedures: one `async def {op}` is needed")
     return found[0]
@@ -41,6 +61,4 @@ def _modules(package: ModuleType) -> Iterator[ModuleType]:
         yield import_module(info.name)
 
 
-PROCEDURES: Mapping[str, Procedure] = find_procedures(
-    (row.op for row in OPERATIONS.rows if row.is_job), daemon.procedures
-)
+PROCEDURES: Mapping[str, Procedure] = find_procedures((row for row in OPERATIONS.rows if row.is_job), daemon.procedures)

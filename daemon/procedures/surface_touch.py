@@ -1,4 +1,4 @@
-"""How high a surface lies: press the sprung pin onto it, and see in the picture how far the pin was pushed in.
+"""Height of a surface by touch: press the sprung pin onto it, and see in the image how far the pin was pushed in.
 
 The thesis tests the plane of the base plate by whether the tip repeats at the same pixel (6.2, end). Between two
 stops of X and Y camera and needle flex by as much as the surface differs, so here every place is its own reference:
@@ -18,8 +18,7 @@ from daemon.domain.errors import Fault, FaultCode
 from daemon.procedures.aiming import require_tip
 from daemon.procedures.move_sequence import MoveSequence, shifted
 from drivers.gantry import Position
-from vision.geometry.frames import Array
-from vision.geometry.pose_map import PoseMap
+from vision.geometry import Array, PoseMap
 
 LOOKS = 2
 """Pictures of the tip at each depth; the mean of two is good to about 4 um of height."""
@@ -33,7 +32,7 @@ CARD_PLACES_UM = ((2200.0, 0.0), (0.0, 2200.0), (-2200.0, 0.0))
 
 @dataclass(frozen=True)
 class Push:
-    """One touch: how far the tip moved in the picture, (2,) px, from free to half pressed and to pressed."""
+    """One touch: how far the tip moved in the image, (2,) px, from free to half pressed and to pressed."""
 
     place: Position
     half_px: Array
@@ -42,7 +41,7 @@ class Push:
 
 async def press(sequence: MoveSequence, place: Position) -> Push:
     """Touch the surface below a place and come back up; `place` is the head's position at working height."""
-    gantry = sequence.context.config.gantry
+    gantry = sequence.context.gantry
     down_um = gantry.work_z_um - gantry.touch_z_um
     free = await _tip_px(sequence, await sequence.go(place))
     try:
@@ -88,7 +87,7 @@ async def card_height_um(sequence: MoveSequence, pose_map: PoseMap, over: Positi
 
     `over`: where the head stands above its centre.
     """
-    press_um = sequence.context.config.gantry.press_um
+    press_um = sequence.context.gantry.press_um
     if press_um <= 0.0:
         return 0.0
     pushes = [await press(sequence, shifted(over, dx, dy)) for dx, dy in CARD_PLACES_UM]
@@ -96,12 +95,12 @@ async def card_height_um(sequence: MoveSequence, pose_map: PoseMap, over: Positi
 
 
 async def _tip_px(sequence: MoveSequence, position: Position) -> Array:
-    """Return where the tip is in the picture, mean of a few."""
+    """Return where the tip is in the image, px (2,), mean of a few."""
     context, job = sequence.context, sequence.job
     probe = context.calibrations.require_probe()
     found = []
     for _ in range(LOOKS):
-        look = await context.station.look_white(position, probe, None, job.watch, job.deadline)
+        look = await context.station.look_white(position, probe, None, job)
         job.saw(look)
         tip = require_tip(look)
         found.append((tip.x_px, tip.y_px))

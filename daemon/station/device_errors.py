@@ -1,9 +1,22 @@
-"""From what the drivers raise to the faults of the wire, most specific first."""
+"""Translation of driver errors into the faults of the wire, and what the fault's detail holds.
+
+`detail` has `device`, what the driver calls it, and of these what is known of the error:
+
+| field | type | what it is |
+|---|---|---|
+| `axis` | string | `x`, `y`, `z` or `theta` |
+| `drive_code` | integer | the drive's own error code, object 603Fh: 12832 is 3220h of its manual |
+| `object` | string | the drive's object that was read or written, index and subindex: `6041h:00` |
+| `exception` | integer | why it was refused: below 256 a Modbus exception code, else an SDO abort code |
+
+What counts as an emergency stop is decided in `drivers.l4118.diagnosis` alone; here it only gets its code.
+"""
 
 from __future__ import annotations
 
 from daemon.domain.errors import Fault, FaultCode
 from drivers import errors
+from drivers.gantry import AXES
 
 _KINDS: tuple[tuple[type[errors.DeviceError], FaultCode], ...] = (
     (errors.NotHomed, FaultCode.NOT_HOMED),
@@ -20,13 +33,19 @@ _KINDS: tuple[tuple[type[errors.DeviceError], FaultCode], ...] = (
 
 
 def as_fault(error: Exception) -> Fault:
-    """Return the fault that stands for `error`; what nobody expected is `internal`."""
+    """Return the fault that stands for `error`, the most specific one; what nobody expected is `internal`."""
     if isinstance(error, Fault):
         return error
     if isinstance(error, errors.DeviceError):
         kind = next(kind for raised, kind in _KINDS if isinstance(error, raised))
-        return Fault(kind, str(error), device=error.device, advice=error.advice)
+        return Fault(kind, str(error), device=error.device, advice=error.advice, **_fields(error))
     return Fault(FaultCode.INTERNAL, f"{type(error).__name__}: {error}")
+
+
+def _fields(error: errors.DeviceError) -> dict[str, str | int]:
+    """Return what is known of the error; one whose device is an axis is about that axis."""
+    axis = {"axis": error.device} if error.device in AXES else {}
+    return {**axis, **error.fields()}
 
 
 def forget_frames(error: BaseException) -> None:

@@ -13,7 +13,7 @@ from daemon.config.model import AxisSection, BusSection, CameraSection, Config, 
 from drivers.bus import Line, ModbusBus, OdAddressing, SerialLine, TcpLine
 from drivers.camera import Camera, CameraConfig, StreamCamera, V4L2Camera
 from drivers.deadline import Deadline
-from drivers.errors import DeviceError, DriveFault, LimitHit
+from drivers.errors import DeviceError, EmergencyStop, LimitHit, MotionError
 from drivers.gantry import Gantry, GantryConfig
 from drivers.l4118 import Axis, AxisConfig, AxisFindings, AxisHealth, HomingConfig
 from drivers.lights import Light, Lights, ModbusRelayLights, SerialRelayLights
@@ -47,9 +47,9 @@ class Hardware:
         """What the drives said of themselves when they were last asked."""
         self._stack = stack
 
-    async def in_error(self, deadline: Deadline) -> bool:
-        """Tell whether a drive holds an error: it had no power on its motor, so that its axis may stand elsewhere."""
-        return any(axis.error_code for axis in await self.gantry.health(deadline))
+    async def in_trouble(self, deadline: Deadline) -> bool:
+        """Tell whether a drive is in trouble: it had no power on its motor, so that its axis may stand elsewhere."""
+        return any(axis.trouble() for axis in await self.gantry.health(deadline))
 
     async def recover(self, deadline: Deadline) -> None:
         """Clear what the drives hold and darken; raise what is still wrong. Moves nothing."""
@@ -58,15 +58,14 @@ class Hardware:
         await self.lights.set(Light.OFF, deadline)
 
     async def check_health(self, deadline: Deadline) -> None:
-        """Raise if a drive is in fault or stands on a limit switch."""
+        """Raise if a drive is in fault, was switched off from outside, lost its power, or stands on a limit switch.
+
+        Of several troubles an emergency stop is raised first: the others may be its consequences.
+        """
         self.axes = await self.gantry.health(deadline)
-        for axis in self.axes:
-            if axis.error_code or axis.state.lower().startswith("fault"):
-                raise DriveFault(
-                    f"{axis.error_meaning} ({axis.error_code:04X}h)", device=axis.name, code=axis.error_code
-                )
-            if axis.homed and (axis.negative_limit or axis.positive_limit):
-                raise LimitHit("stands on a limit switch", device=axis.name)
+        troubles = [trouble for axis in self.axes if (trouble := _trouble(axis))]
+        for trouble in sorted(troubles, key=lambda one: not isinstance(one, EmergencyStop)):
+            raise trouble
 
     async def close(self, deadline: Deadline) -> None:
         """Stop motion, go dark, let go of everything; what fails is logged, the rest goes on."""
@@ -79,6 +78,11 @@ class Hardware:
             await self._stack.aclose()
         except DeviceError as exc:
             log.error("not_closed", error=str(exc), remaining_s=deadline.remaining_s)
+
+
+def _trouble(axis: AxisHealth) -> MotionError | None:
+    on_limit = axis.homed and (axis.negative_limit or axis.positive_limit)
+    return axis.trouble() or (LimitHit("stands on a limit switch", device=axis.name) if on_limit else None)
 
 
 async def open_hardware(config: Config, deadline: Deadline) -> Hardware:
@@ -115,12 +119,13 @@ async def open_buses(config: Config, stack: AsyncExitStack) -> dict[str, ModbusB
     buses: dict[str, ModbusBus] = {}
     for name, section in config.bus.items():
         gap_s, timeout_s = section.gap_ms / 1e3, section.timeout_ms / 1e3
-        buses[name] = await ModbusBus.open(_line(section), gap_s=gap_s, timeout_s=timeout_s)
+        buses[name] = await ModbusBus.open(bus_line(section), gap_s=gap_s, timeout_s=timeout_s)
         stack.push_async_callback(buses[name].close)
     return buses
 
 
-def _line(section: BusSection) -> Line:
+def bus_line(section: BusSection) -> Line:
+    """Return the line a section describes: over TCP where it names a host, else serial."""
     if section.host is not None:
         return TcpLine(section.host, section.tcp_port, section.framing)
     return SerialLine(str(section.port), section.baudrate, section.parity, section.stopbits)
@@ -129,7 +134,7 @@ def _line(section: BusSection) -> Line:
 def make_axes(config: Config, buses: Mapping[str, ModbusBus]) -> dict[str, Axis]:
     """Return the four axes on their lines; nothing is asked or moved yet."""
     sections = {name: getattr(config.axes, name) for name in ("x", "y", "z", "theta")}
-    return {name: Axis(buses[section.bus], _axis(name, section)) for name, section in sections.items()}
+    return {name: Axis(buses[section.bus], axis_config(name, section)) for name, section in sections.items()}
 
 
 def _gantry(config: Config, buses: Mapping[str, ModbusBus]) -> Gantry:
@@ -142,7 +147,8 @@ def _gantry(config: Config, buses: Mapping[str, ModbusBus]) -> Gantry:
     return Gantry(axes, limits)
 
 
-def _axis(name: str, section: AxisSection) -> AxisConfig:
+def axis_config(name: str, section: AxisSection) -> AxisConfig:
+    """Return what the driver of an axis is told of its section."""
     homing = HomingConfig(
         method=section.homing_method,
         switch_speed_units_s=section.homing_speed,

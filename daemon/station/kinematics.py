@@ -1,4 +1,4 @@
-"""Where things are, as far as is known: the tip on the head, the board in the robot, the surface below.
+"""Kinematics of the station: the tip on the head, the board in the robot, the surface below, as far as is known.
 
 What has been calibrated replaces what the configuration guesses, the moment it is stored.
 """
@@ -12,15 +12,15 @@ from daemon.config.model import Config
 from daemon.domain.board import Board
 from daemon.storage.calibration_store import Calibrations
 from drivers.gantry import Position
-from vision.geometry.frames import Array, rotation
-from vision.head.model import Head
+from vision.geometry import Array, rotation
+from vision.head import Head
 
 
 class Geometry:
     """Answer where to go and what to expect there; moves nothing."""
 
     def __init__(self, config: Config, board: Board, calibrations: Calibrations) -> None:
-        self._config, self._board, self._calibrations = config, board, calibrations
+        self._board, self._calibrations, self._work_z_um = board, calibrations, config.gantry.work_z_um
         self._nominal_head = config.head.model()
         self._nominal_pose = config.board.pose()
 
@@ -52,7 +52,7 @@ class Geometry:
     def position_at(self, robot_um: ArrayLike, theta_deg: float) -> Position:
         """Return the head position that puts the tip over a place of the robot frame, at working height."""
         hx, hy = np.asarray(robot_um, dtype=float) - self.head.tip_offset_um(theta_deg)
-        return Position(float(hx), float(hy), self._config.gantry.work_z_um, theta_deg)
+        return Position(float(hx), float(hy), self._work_z_um, theta_deg)
 
     def tip_um(self, position: Position) -> Array:
         """Return where the tip is, (2,), robot frame."""
@@ -73,5 +73,5 @@ class Geometry:
         return surface.height_um(float(x_um), float(y_um)) if surface is not None else 0.0
 
     def height_below_um(self, position: Position) -> float:
-        """Return the same below the tip."""
+        """Return the surface's height below the tip, um above the nominal touching plane."""
         return self.height_um(self.tip_um(position))

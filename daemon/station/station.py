@@ -1,8 +1,8 @@
 """Gantry, lights and camera as one station: `look()` and `go()`.
 
-A look takes two pictures of one resting scene: white for the tip, red for the pads (thesis 5.3, 5.4). A frame counts
+A look takes two frames of one resting scene: white for the tip, red for the pads (thesis 5.3, 5.4). A frame counts
 only if its exposure began after the light, and the head before it, had settled. While red settles, the tip is already
-being searched in the white picture.
+being searched in the white frame.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from dataclasses import dataclass
 from daemon.config.model import Config
 from daemon.domain.board import BoardPoint
 from daemon.domain.errors import Fault, FaultCode
-from daemon.platform.clock import Stopwatch
+from daemon.station.allowance import Clocked
 from daemon.station.devices import Hardware
 from drivers.camera import Frame
 from drivers.deadline import Deadline
 from drivers.gantry import Position
 from drivers.lights import Light
 from vision import ControlPoint, NotFound, ProbeModel, Seen, Tip, find_control_point, find_test_points, find_tip
-from vision.geometry.pose_map import PoseMap
+from vision.geometry import PoseMap
 
 HOMED_WITHIN_S = 2.0
 HEIGHT_WINDOW_UM = 5.0
@@ -47,7 +47,7 @@ class LookResult:
 
 @dataclass(frozen=True)
 class Search:
-    """Where and for what to look in the red picture, relative to the tip."""
+    """Where and for what to look in the red frame, relative to the tip."""
 
     offset_px: tuple[float, float]
     reach_px: float
@@ -64,7 +64,7 @@ class Search:
 
 @dataclass(frozen=True)
 class CrossSearch:
-    """Where to look for the control point in the white picture, relative to the tip, and how long its arms are."""
+    """Where to look for the control point in the white frame, relative to the tip, and how long its arms are."""
 
     offset_px: tuple[float, float]
     reach_px: float
@@ -75,7 +75,7 @@ class Station:
     """The opened hardware as one thing that looks and goes."""
 
     def __init__(self, config: Config, hardware: Hardware) -> None:
-        self.config = config
+        self._gantry_section, self._camera_section = config.gantry, config.camera
         self._hardware = hardware
         self._resting_since_s = time.monotonic()
 
@@ -84,44 +84,42 @@ class Station:
         """How many requests went over the buses so far: a sign of life while something moves."""
         return sum(bus.statistics.requests for bus in self._hardware.buses.values())
 
-    async def position(self, watch: Stopwatch, deadline: Deadline) -> Position:
+    async def position(self, caller: Clocked) -> Position:
         """Read where the axes are."""
-        with watch.spend("bus"):
-            return await self._hardware.gantry.position(deadline)
+        with caller.watch.spend("bus"):
+            return await self._hardware.gantry.position(caller.deadline)
 
-    async def go(
-        self, target: Position, watch: Stopwatch, deadline: Deadline, *, from_above: frozenset[str] = frozenset()
-    ) -> Position:
+    async def go(self, target: Position, caller: Clocked, *, from_above: frozenset[str] = frozenset()) -> Position:
         """Move the head and return where the drives report it to be; cancelling stops it.
 
         `from_above`: axes that come to the target from above, against the rule; only who measures backlash wants that.
         """
         self._hardware.gantry.check(target)
-        with watch.spend("motion"):
+        with caller.watch.spend("motion"):
             try:
-                return await self._hardware.gantry.move_to(target, deadline, from_above=from_above)
+                return await self._hardware.gantry.move_to(target, caller.deadline, from_above=from_above)
             finally:
                 self._resting_since_s = time.monotonic()
 
-    async def to_work_height(self, position: Position, watch: Stopwatch, deadline: Deadline) -> Position:
+    async def to_work_height(self, position: Position, caller: Clocked) -> Position:
         """Bring Z to the one height at which looks are taken; return the position."""
-        if abs(position.z_um - self.config.gantry.work_z_um) <= HEIGHT_WINDOW_UM:
+        if abs(position.z_um - self._gantry_section.work_z_um) <= HEIGHT_WINDOW_UM:
             return position
-        level = Position(position.x_um, position.y_um, self.config.gantry.work_z_um, position.theta_deg)
-        return await self.go(level, watch, deadline)
+        level = Position(position.x_um, position.y_um, self._gantry_section.work_z_um, position.theta_deg)
+        return await self.go(level, caller)
 
-    async def home(self, watch: Stopwatch, deadline: Deadline) -> None:
+    async def home(self, caller: Clocked) -> None:
         """Home all axes."""
-        with watch.spend("motion"):
+        with caller.watch.spend("motion"):
             try:
-                await self._hardware.gantry.home(deadline)
+                await self._hardware.gantry.home(caller.deadline)
             finally:
                 self._resting_since_s = time.monotonic()
 
-    async def require_homed(self, watch: Stopwatch, deadline: Deadline) -> None:
+    async def require_homed(self, caller: Clocked) -> None:
         """Raise unless every drive still knows where it is."""
-        with watch.spend("bus"):
-            homed = await self._hardware.gantry.homed(deadline.within(HOMED_WITHIN_S))
+        with caller.watch.spend("bus"):
+            homed = await self._hardware.gantry.homed(caller.deadline.within(HOMED_WITHIN_S))
         if not homed:
             raise Fault(FaultCode.NOT_HOMED)
 
@@ -129,14 +127,12 @@ class Station:
         """Raise if the target is outside of what the machine may reach."""
         self._hardware.gantry.check(target)
 
-    async def look(
-        self, position: Position, model: ProbeModel | None, search: Search, watch: Stopwatch, deadline: Deadline
-    ) -> LookResult:
+    async def look(self, position: Position, model: ProbeModel | None, search: Search, caller: Clocked) -> LookResult:
         """Take white and red from where the head is and find tip and pads; nothing moves."""
-        white = await self.picture(Light.WHITE, watch, deadline)
+        white = await self.capture(Light.WHITE, caller)
         tip_search = asyncio.create_task(asyncio.to_thread(_search_tip, white, model))
         try:
-            red = await self.picture(Light.RED, watch, deadline)
+            red = await self.capture(Light.RED, caller)
             tip = await tip_search
         finally:
             tip_search.cancel()
@@ -144,38 +140,38 @@ class Station:
         return LookResult(white, red, position, tip, model.tip_px if model is not None else None, seen=seen)
 
     async def look_white(
-        self, position: Position, model: ProbeModel, cross: CrossSearch | None, watch: Stopwatch, deadline: Deadline
+        self, position: Position, model: ProbeModel, cross: CrossSearch | None, caller: Clocked
     ) -> LookResult:
         """Take one white frame and find the tip in it, and the control point if it is asked for; nothing moves."""
-        white = await self.picture(Light.WHITE, watch, deadline)
+        white = await self.capture(Light.WHITE, caller)
         tip, found = await asyncio.to_thread(_search_white, white, model, cross)
         return LookResult(white, None, position, tip, model.tip_px, cross=found)
 
-    async def picture(self, light: Light, watch: Stopwatch, deadline: Deadline) -> Frame:
+    async def capture(self, light: Light, caller: Clocked) -> Frame:
         """Take one frame that was exposed wholly after light and head had settled."""
         lights = self._hardware.lights
-        with watch.spend("bus"):
-            await lights.set(light, deadline)
+        with caller.watch.spend("bus"):
+            await lights.set(light, caller.deadline)
         lit_at_s = time.monotonic() + lights.settle_s
-        still_at_s = self._resting_since_s + self.config.gantry.settle_ms / 1e3
+        still_at_s = self._resting_since_s + self._gantry_section.settle_ms / 1e3
         asked_s = time.monotonic()
         ready_s = max(lit_at_s, still_at_s)
-        patience_s = self.config.camera.timeout_ms / 1e3
-        frame = await self._hardware.camera.frame_after(ready_s, deadline.within(ready_s - asked_s + patience_s))
-        watch.book("light", ready_s - asked_s)
+        patience_s = self._camera_section.timeout_ms / 1e3
+        frame = await self._hardware.camera.frame_after(ready_s, caller.deadline.within(ready_s - asked_s + patience_s))
+        caller.watch.book("light", ready_s - asked_s)
         # Waiting for the exposure and for the camera to send it; decoding comes after that and is software.
-        watch.book("exposure", frame.received_s - max(ready_s, asked_s))
+        caller.watch.book("exposure", frame.received_s - max(ready_s, asked_s))
         return frame
 
-    async def prepare_white(self, watch: Stopwatch, deadline: Deadline) -> None:
+    async def prepare_white(self, caller: Clocked) -> None:
         """Switch to white ahead of a move, so that the lamp is steady when the head is."""
-        with watch.spend("bus"):
-            await self._hardware.lights.set(Light.WHITE, deadline)
+        with caller.watch.spend("bus"):
+            await self._hardware.lights.set(Light.WHITE, caller.deadline)
 
-    async def lights_off(self, watch: Stopwatch, deadline: Deadline) -> None:
+    async def lights_off(self, caller: Clocked) -> None:
         """Switch both rings off."""
-        with watch.spend("bus"):
-            await self._hardware.lights.set(Light.OFF, deadline)
+        with caller.watch.spend("bus"):
+            await self._hardware.lights.set(Light.OFF, caller.deadline)
 
     async def stop(self) -> None:
         """Stop all motion at once, whatever else goes on."""
@@ -184,8 +180,8 @@ class Station:
     async def retract(self, deadline: Deadline) -> None:
         """Lift the needle to the safe height."""
         position = await self._hardware.gantry.position(deadline)
-        if position.z_um < self.config.gantry.safe_z_um:
-            safe = Position(position.x_um, position.y_um, self.config.gantry.safe_z_um, position.theta_deg)
+        if position.z_um < self._gantry_section.safe_z_um:
+            safe = Position(position.x_um, position.y_um, self._gantry_section.safe_z_um, position.theta_deg)
             await self._hardware.gantry.move_to(safe, deadline)
 
 

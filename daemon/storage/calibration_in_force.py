@@ -26,9 +26,8 @@ from daemon.storage.calibration_records import (
     read_record,
 )
 from vision import ProbeModel
-from vision.geometry.pose_map import PoseMap
-from vision.geometry.surface_plane import Surface
-from vision.head.model import Head, head_from_dict
+from vision.geometry import PoseMap, Surface
+from vision.head import Head, head_from_dict
 
 KINDS: Final = ("map", "rotation", "surface", "backlash", "alignment")
 OF_THE_PROBE: Final = ("map", "rotation", "surface")

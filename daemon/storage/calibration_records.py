@@ -154,7 +154,7 @@ class SurfaceRecord(Made):
     touches: tuple[Touch, ...]
     residuals_um: tuple[float, ...]
     surface: dict[str, Any]
-    """`vision.surface.Surface.to_dict`."""
+    """`vision.geometry.Surface.to_dict`."""
     flatness_um: float
     rms_um: float
     limit_um: float

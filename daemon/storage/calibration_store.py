@@ -33,9 +33,8 @@ from daemon.storage.calibration_in_force import (
 from daemon.storage.calibration_records import AlignmentRecord, Record, parse_record
 from daemon.storage.calibration_resume import Partial
 from vision import ProbeModel
-from vision.geometry.pose_map import PoseMap
-from vision.geometry.surface_plane import Surface
-from vision.head.model import Head
+from vision.geometry import PoseMap, Surface
+from vision.head import Head
 
 log = structlog.get_logger(__name__)
 

@@ -139,6 +139,14 @@ class Metrics:
         server, thread = start_http_server(port, addr=LOOPBACK, registry=self.registry)
         self._server = server, thread
 
+    @property
+    def address(self) -> tuple[str, int] | None:
+        """Host and port at which `/metrics` is served; None while it is not."""
+        if self._server is None:
+            return None
+        host, port = self._server[0].server_address[:2]
+        return str(host), port
+
     def close(self) -> None:
         """Stop serving."""
         if self._server is not None:

@@ -55,6 +55,11 @@ class OdEntry:
     def __str__(self) -> str:
         return f"{self.index:04X}h:{self.subindex:02X}h"
 
+    @property
+    def place(self) -> str:
+        """Give index and subindex as errors name them in their field `object`, such as 6041h:00."""
+        return f"{self.index:04X}h:{self.subindex:02X}"
+
 
 @dataclass(frozen=True, slots=True)
 class OdAddressing:

@@ -90,6 +90,16 @@ class RunningCamera:
                 if wish in self._wishes:
                     self._wishes.remove(wish)
 
+    @property
+    def waiting(self) -> int:
+        """How many callers wait for a picture."""
+        return len(self._wishes)
+
+    @property
+    def trouble(self) -> str | None:
+        """What is wrong with the pictures at present, None if nothing is known."""
+        return self._trouble
+
     def settings(self) -> Mapping[str, float | None]:
         """Give what the camera read back when it was last opened."""
         return dict(self._settings)

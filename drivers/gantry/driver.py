@@ -48,7 +48,10 @@ class Gantry:
         return {name: await axis.start(deadline) for name, axis in self._axes.items()}
 
     async def homed(self, deadline: Deadline | None = None) -> bool:
-        """Ask all drives whether they still have their reference."""
+        """Ask all drives whether they still have their reference.
+
+        Raises EmergencyStop, by the axis, when a drive lost it though nobody took it away.
+        """
         return not await self._not_homed(deadline or Deadline.after(2.0))
 
     async def position(self, deadline: Deadline) -> Position:
@@ -85,8 +88,8 @@ class Gantry:
 
         X, Y and theta come to it from below; those in `from_above` from above, for whoever measures the play.
 
-        Raises EnvelopeViolation or NotHomed before anything moves, MotionTimeout at the deadline, and what the
-        axes raise. Cancellation stops all axes first.
+        Raises EnvelopeViolation, NotHomed or EmergencyStop before anything moves, MotionTimeout at the deadline, and
+        what the axes raise. Cancellation stops all axes first.
         """
         place = self.check(target)
         async with self._motion():
@@ -169,7 +172,10 @@ class Gantry:
             await self._axes[name].forget_homing(deadline)
 
     async def reset(self, deadline: Deadline) -> None:
-        """Clear the faults of all drives; raise DriveFault when a cause is still there. Moves nothing."""
+        """Clear the faults of all drives; raise DriveFault, or EmergencyStop, when a cause is still there.
+
+        Moves nothing.
+        """
         for axis in self._axes.values():
             await axis.reset_fault(deadline)
 

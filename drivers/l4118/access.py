@@ -1,8 +1,11 @@
 """One drive on the bus: its object dictionary by FC 43, its process image by FC 3 and FC 23."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 from drivers.bus import ModbusBus, OdAddressing, OdEntry
 from drivers.deadline import Deadline
-from drivers.errors import DeviceRefused, ReplyError
+from drivers.errors import DeviceError, DeviceRefused, ReplyError
 from drivers.l4118 import objects as od
 from drivers.l4118.contract import AxisConfig, AxisStatus
 from drivers.l4118.image import RX_ADDRESS, RX_WANTED, TX_ADDRESS, TX_WANTED, Layout, WordOrder, parse
@@ -17,7 +20,8 @@ class DriveAccess:
     """Reads and writes of one drive; what the self-test settles is kept here.
 
     The Rx image is always written as a whole and holds levels only, so writing it twice is the same as writing
-    it once: the bus may repeat it after a lost reply.
+    it once: the bus may repeat it after a lost reply. What the line or the drive raises says which axis it is about,
+    and which object where one was asked for.
     """
 
     def __init__(self, bus: ModbusBus, config: AxisConfig) -> None:
@@ -33,7 +37,8 @@ class DriveAccess:
 
     async def read(self, entry: OdEntry, deadline: Deadline, addressing: OdAddressing | None = None) -> int:
         """Read one object."""
-        return await self._bus.od_read(self.config.address, entry, deadline, addressing or self.addressing)
+        with self._about(entry):
+            return await self._bus.od_read(self.config.address, entry, deadline, addressing or self.addressing)
 
     async def read_if_there(self, entry: OdEntry, deadline: Deadline) -> int | None:
         """Read one object, or give None when the drive has no such object or nothing in it."""
@@ -46,7 +51,8 @@ class DriveAccess:
 
     async def write(self, entry: OdEntry, value: int, deadline: Deadline) -> None:
         """Write one object."""
-        await self._bus.od_write(self.config.address, entry, value, deadline, self.addressing)
+        with self._about(entry):
+            await self._bus.od_write(self.config.address, entry, value, deadline, self.addressing)
 
     async def write_checked(self, entry: OdEntry, value: int, deadline: Deadline) -> None:
         """Write one object and read it back; raise ReplyError when the drive kept another value."""
@@ -54,16 +60,19 @@ class DriveAccess:
         kept = await self.read(entry, deadline)
         if kept != value:
             text = f"{entry} was written as {value} and reads {kept}"
-            raise ReplyError(text, device=self.config.name, advice="Check the FC 43 settings of this drive.")
+            with self._about(entry):
+                raise ReplyError(text, device=self.config.name, advice="Check the FC 43 settings of this drive.")
 
     async def alive(self, deadline: Deadline) -> None:
         """Read two registers of the Tx image, to tell a silent drive from one that refuses FC 43."""
-        await self._bus.read_registers(self.config.address, TX_ADDRESS, 2, deadline)
+        with self._about():
+            await self._bus.read_registers(self.config.address, TX_ADDRESS, 2, deadline)
 
     async def status(self, deadline: Deadline) -> AxisStatus:
         """Read the Tx image."""
         count = self.tx.register_count
-        return self._decode(await self._bus.read_registers(self.config.address, TX_ADDRESS, count, deadline))
+        with self._about():
+            return self._decode(await self._bus.read_registers(self.config.address, TX_ADDRESS, count, deadline))
 
     async def command(self, control: int, deadline: Deadline) -> AxisStatus:
         """Write the Rx image with this control word and read the Tx image, in one transaction.
@@ -77,9 +86,19 @@ class DriveAccess:
         }
         registers = self.rx.registers(values, self.word_order)
         read = (TX_ADDRESS, self.tx.register_count)
-        return self._decode(
-            await self._bus.readwrite_registers(self.config.address, (RX_ADDRESS, registers), read, deadline)
-        )
+        with self._about():
+            return self._decode(
+                await self._bus.readwrite_registers(self.config.address, (RX_ADDRESS, registers), read, deadline)
+            )
+
+    @contextmanager
+    def _about(self, entry: OdEntry | None = None) -> Iterator[None]:
+        """Let an error say which axis, and which object, it is about."""
+        try:
+            yield
+        except DeviceError as exc:
+            exc.axis, exc.object = self.config.name, entry.place if entry else None
+            raise
 
     def _decode(self, registers: tuple[int, ...]) -> AxisStatus:
         order, tx = self.word_order, self.tx

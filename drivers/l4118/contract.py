@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from drivers.bus import OdAddressing
+from drivers.errors import MotionError
+from drivers.l4118.diagnosis import NOTHING_SEEN, Evidence, diagnose
 from drivers.l4118.image import WordOrder
 from drivers.l4118.objects import (
     DI_INTERLOCK,
@@ -158,6 +160,12 @@ class AxisHealth:
     positive_limit: bool
     following_error_units: float | None
     """60F4h, None when the drive has no such object."""
+    evidence: Evidence = NOTHING_SEEN
+    """What its trouble is judged by."""
+
+    def trouble(self) -> MotionError | None:
+        """Give the error that the axis stands in, None when it shows none; a limit switch is not among them."""
+        return diagnose(self.name, self.evidence)
 
 
 @dataclass(frozen=True, slots=True)

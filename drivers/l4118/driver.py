@@ -15,20 +15,18 @@ from drivers.errors import (
     DeviceError,
     DeviceRefused,
     DriveFault,
-    EmergencyStop,
     EnvelopeViolation,
-    LimitHit,
     LinkError,
     LinkTimeout,
     MotionError,
     MotionTimeout,
     NotHomed,
-    Stalled,
 )
 from drivers.l4118 import objects as od
 from drivers.l4118.access import DriveAccess
 from drivers.l4118.arrival import ArrivalWatch
 from drivers.l4118.contract import AxisConfig, AxisFindings, AxisHealth, AxisIdentity, AxisStatus
+from drivers.l4118.diagnosis import Evidence, diagnose, stopped_by_program, untaken_step
 from drivers.l4118.objects import Control, Mode, PowerState
 from drivers.l4118.startup import prepare
 from drivers.l4118.units import SpeedUnit
@@ -42,6 +40,8 @@ RELINK_S: Final = 1.0
 _HOMING_IN_PLACE = frozenset({35, 37})
 # What may still be commanded after a stop: nothing of it starts a motor
 _HARMLESS = frozenset({Control.DISABLE_VOLTAGE, Control.SHUTDOWN, Control.HALT, Control.FAULT_RESET})
+# What takes the drive out of operation enabled
+_SWITCHES_OFF = frozenset({Control.DISABLE_VOLTAGE, Control.SHUTDOWN, Control.SWITCH_ON, Control.FAULT_RESET})
 
 
 class Axis:
@@ -49,6 +49,9 @@ class Axis:
 
     Moves are absolute only: repeating one cannot double it. `halt` and `quick_stop` win over a move that is
     going on in another task: its next command raises EmergencyStop instead of starting the drive again.
+
+    The axis remembers how it left its drive, enabled and with a reference. A drive found otherwise was switched off
+    from outside, and whatever asks for it next raises EmergencyStop, until `start` takes the drive as it is.
     """
 
     def __init__(self, bus: ModbusBus, config: AxisConfig) -> None:
@@ -57,6 +60,9 @@ class Axis:
         self._speed: SpeedUnit | None = None
         self._watch: ArrivalWatch | None = None
         self._stopped = False
+        # How the drive was left: what it shows later is judged by that
+        self._left_enabled = False
+        self._left_homed = False
         # Keeps the order of control words: a repeated one must not overtake a stop
         self._commanding = asyncio.Lock()
         self._log = structlog.get_logger().bind(device=config.name)
@@ -65,6 +71,7 @@ class Axis:
     async def start(self, deadline: Deadline) -> AxisFindings:
         """Identify the drive, settle its open points, set units, ramps and limits. Moves nothing."""
         findings, self._speed = await prepare(self._drive, deadline)
+        self._left_enabled, self._left_homed = False, findings.homed
         config, drive = self.config, self._drive
         ramp = self._counts(config.acceleration_units_s2)
         for entry in (od.PROFILE_ACCELERATION, od.PROFILE_DECELERATION, od.QUICK_STOP_DECELERATION):
@@ -89,11 +96,19 @@ class Axis:
         return self.config.to_units(await self._drive.read(od.POSITION_ACTUAL, deadline))
 
     async def homed(self, deadline: Deadline) -> bool:
-        """Ask the drive for our marker: it is gone once the drive has lost power or the settings changed."""
-        return await self._drive.read(od.HOMED_MARKER, deadline) == self.config.homed_marker
+        """Ask the drive for our marker: it is gone once the drive has lost power or the settings changed.
+
+        Raises EmergencyStop when the marker was there and nobody took it away.
+        """
+        if await self._marked(deadline):
+            return True
+        if self._left_homed:
+            raise await self._diagnosed(await self._drive.read(od.STATUSWORD, deadline), deadline)
+        return False
 
     async def forget_homing(self, deadline: Deadline) -> None:
         """Take the marker away: after a fault, a stall or an emergency stop the axis may stand elsewhere."""
+        self._left_homed = False
         await self._drive.write_checked(od.HOMED_MARKER, 0, deadline)
 
     async def health(self, deadline: Deadline) -> AxisHealth:
@@ -106,17 +121,20 @@ class Axis:
             inputs=await drive.read(od.DIGITAL_INPUTS, deadline),
         )
         following = await drive.read_if_there(od.FOLLOWING_ERROR, deadline)
+        marked = await self._marked(deadline)
+        evidence = await self._evidence(status.statusword, marked, deadline)
         return AxisHealth(
             name=self.config.name,
             state=status.state.value if status.state else f"unknown ({status.statusword:04X}h)",
-            homed=await self.homed(deadline),
+            homed=marked,
             position_units=status.position_units,
-            error_code=await drive.read(od.ERROR_CODE, deadline),
-            error_meaning=od.error_meaning(await drive.read_if_there(od.ERROR_STACK_TOP, deadline) or 0),
+            error_code=evidence.error_code,
+            error_meaning=od.error_meaning(evidence.error_entry),
             warning=bool(status.statusword & od.SW_WARNING),
             negative_limit=status.negative_limit,
             positive_limit=status.positive_limit,
             following_error_units=None if following is None else following / self.config.increments_per_unit,
+            evidence=evidence,
         )
 
     # ------------------------------------------------------------------ moves
@@ -160,11 +178,12 @@ class Axis:
         """Look at a move begun before; raise LimitHit, Stalled, DriveFault or EmergencyStop when it failed."""
         watch = self._watch
         if watch is None:
-            raise self._stop_error() if self._stopped else MotionError("no move", device=self.config.name)
+            name = self.config.name
+            raise stopped_by_program(name) if self._stopped else MotionError("no move", device=name)
         status = await self.status(deadline)
         await self._must_run(status, deadline)
         if self._stopped:
-            raise self._stop_error()
+            raise stopped_by_program(self.config.name)
         return watch.arrived(status, time.monotonic())
 
     async def home(self, deadline: Deadline) -> None:
@@ -176,12 +195,13 @@ class Axis:
             await self._run_homing(limit)
         await self._write_limits(deadline)
         await self._drive.write_checked(od.HOMED_MARKER, self.config.homed_marker, deadline)
+        self._left_homed = True
         self._log.info("axis.homed")
 
     async def _prepare_homing(self, deadline: Deadline) -> None:
         drive, homing = self._drive, self.config.homing
         # From here on the old reference is not to be trusted, whatever comes
-        await drive.write_checked(od.HOMED_MARKER, 0, deadline)
+        await self.forget_homing(deadline)
         for entry, value in (
             (od.SOFTWARE_LIMIT_MIN, 0),
             (od.SOFTWARE_LIMIT_MAX, 0),
@@ -201,12 +221,14 @@ class Axis:
             await self._until(lambda s: not s.acknowledged, status, "homing did not start", deadline)
         status = await self.status(deadline)
         while not (status.acknowledged and status.target_reached):
+            # First of all: a drive in fault may show any of the mode's bits
+            await self._must_run(status, deadline)
             if status.mode_error:
                 text = f"homing method {self.config.homing.method} failed (status {status.statusword:04X}h)"
                 raise MotionError(text, device=self.config.name, advice="Check the home and limit switches.")
             await asyncio.sleep(self.config.poll_s)
             status = await self.status(deadline)
-            await self._must_run(status, deadline)
+        await self._must_run(status, deadline)
         await self._command(Control.ENABLE, deadline)
 
     # ------------------------------------------------------------------ stops
@@ -264,10 +286,11 @@ class Axis:
         """
         self._stopped, self._watch = True, None
         async with self._commanding:
+            self._left_enabled = False
             await self._drive.write(od.CONTROLWORD, Control.QUICK_STOP, Deadline.after(STOP_S))
 
     async def reset_fault(self, deadline: Deadline) -> None:
-        """Clear a fault by the rising edge of bit 7; raise DriveFault when the cause is still there."""
+        """Clear a fault by the rising edge of bit 7; raise what it is, such as DriveFault, when its cause remains."""
         status = await self.status(deadline)
         if status.state not in (PowerState.FAULT, PowerState.FAULT_REACTION):
             return
@@ -276,7 +299,7 @@ class Axis:
         await self._command(Control.FAULT_RESET, deadline)
         while (status := await self.status(deadline)).state in (PowerState.FAULT, PowerState.FAULT_REACTION):
             if limit.expired:
-                raise await self._fault(deadline)
+                raise await self._diagnosed(status.statusword, deadline)
             await asyncio.sleep(self.config.poll_s)
         await self._command(Control.DISABLE_VOLTAGE, deadline)
 
@@ -286,9 +309,10 @@ class Axis:
         if self._speed is None:
             raise MotionError("start() has not run", device=self.config.name, advice="Call start first.")
         status = await self.status(deadline)
-        if status.state in (PowerState.FAULT, PowerState.FAULT_REACTION):
-            raise await self._fault(deadline)
+        if self._left_enabled or status.state in (PowerState.FAULT, PowerState.FAULT_REACTION):
+            await self._must_run(status, deadline)
         if status.state is PowerState.OPERATION_ENABLED and status.mode == mode:
+            self._left_enabled = True
             return
         await self._step(Control.DISABLE_VOLTAGE, PowerState.SWITCH_ON_DISABLED, deadline)
         await self._drive.write(od.MODE, mode, deadline)
@@ -297,6 +321,7 @@ class Axis:
         await self._step(Control.SHUTDOWN, PowerState.READY, deadline)
         await self._step(Control.SWITCH_ON, PowerState.SWITCHED_ON, deadline)
         await self._step(Control.ENABLE, PowerState.OPERATION_ENABLED, deadline)
+        self._left_enabled = True
         status = await self.status(deadline)
         await self._until(lambda s: s.mode == mode, status, f"6061h does not show mode {mode.value}", deadline)
 
@@ -305,23 +330,19 @@ class Axis:
         status = await self._command(control, deadline)
         while status.state is not wanted:
             if status.state is PowerState.FAULT:
-                raise await self._fault(deadline)
+                raise await self._diagnosed(status.statusword, deadline)
             if limit.expired:
-                raise self._no_step(control, wanted, status)
+                otherwise = untaken_step(self.config.name, control, wanted, status.statusword)
+                raise await self._diagnosed(status.statusword, deadline, otherwise)
             await asyncio.sleep(self.config.poll_s)
             status = await self.status(deadline)
-
-    def _no_step(self, control: Control, wanted: PowerState, status: AxisStatus) -> MotionError:
-        found = status.state.value if status.state else "unknown"
-        text = f"control word {control:04X}h leads to '{found}', not '{wanted.value}' (status {status.statusword:04X}h)"
-        if not status.voltage:
-            return EmergencyStop(f"{text}; the drive has no motor voltage", device=self.config.name)
-        return MotionTimeout(text, device=self.config.name)
 
     async def _command(self, control: Control, deadline: Deadline) -> AxisStatus:
         async with self._commanding:
             if self._stopped and control not in _HARMLESS:
-                raise self._stop_error()
+                raise stopped_by_program(self.config.name)
+            if control in _SWITCHES_OFF:
+                self._left_enabled = False
             return await self._drive.command(control, deadline)
 
     async def _until(
@@ -338,33 +359,42 @@ class Axis:
             status = await self.status(deadline)
 
     # ------------------------------------------------------------------ what went wrong
-    def _stop_error(self) -> EmergencyStop:
-        return EmergencyStop("stopped by the program", device=self.config.name)
-
     async def _must_run(self, status: AxisStatus, deadline: Deadline) -> None:
         """Raise what happened when the drive is no longer in operation enabled."""
         if status.state is PowerState.OPERATION_ENABLED:
             return
-        if status.state in (PowerState.FAULT, PowerState.FAULT_REACTION):
-            raise await self._fault(deadline)
-        if self._watch is not None and not await self.homed(deadline):
-            raise NotHomed("the drive lost power while moving", device=self.config.name)
-        found = status.state.value if status.state else f"status {status.statusword:04X}h"
-        raise EmergencyStop(f"switched off while moving ({found})", device=self.config.name)
+        raise await self._diagnosed(status.statusword, deadline)
 
-    async def _fault(self, deadline: Deadline) -> MotionError:
-        """Read the error and put it into the right class."""
+    async def _diagnosed(
+        self, statusword: int, deadline: Deadline, otherwise: MotionError | None = None
+    ) -> MotionError:
+        """Read what the drive says of itself and give the error it stands for, `otherwise` when it shows none."""
+        name = self.config.name
         try:
-            code = await self._drive.read(od.ERROR_CODE, deadline)
-            entry = await self._drive.read_if_there(od.ERROR_STACK_TOP, deadline) or 0
+            evidence = await self._evidence(statusword, await self._marked(deadline), deadline)
         except DeviceRefused as exc:
-            return DriveFault(f"fault; its error cannot be read: {exc}", device=self.config.name, code=exc.code)
-        text = f"fault {code:04X}h: {od.error_meaning(entry) or 'no entry in the error stack'}"
-        if entry and entry >> 24 in od.LIMIT_NUMBERS:
-            return LimitHit(text, device=self.config.name)
-        if entry and entry >> 24 in od.BLOCKED_NUMBERS:
-            return Stalled(text, device=self.config.name)
-        return DriveFault(text, device=self.config.name, code=code)
+            unread = DriveFault(f"status {statusword:04X}h; its error cannot be read: {exc}", device=name, code=0)
+            unread.object, unread.exception = exc.object, exc.exception
+            return unread
+        if otherwise is None:
+            not_running = MotionError(f"does not run (status {statusword:04X}h)", device=name)
+            otherwise = stopped_by_program(name) if self._stopped else not_running
+        return diagnose(name, evidence) or otherwise
+
+    async def _evidence(self, statusword: int, marked: bool, deadline: Deadline) -> Evidence:  # noqa: FBT001
+        return Evidence(
+            statusword=statusword,
+            error_code=await self._drive.read(od.ERROR_CODE, deadline),
+            error_entry=await self._drive.read_if_there(od.ERROR_STACK_TOP, deadline) or 0,
+            left_enabled=self._left_enabled,
+            reference_lost=self._left_homed and not marked,
+        )
+
+    async def _marked(self, deadline: Deadline) -> bool:
+        """Read our marker; once seen, it is missed when it is gone."""
+        marked = await self._drive.read(od.HOMED_MARKER, deadline) == self.config.homed_marker
+        self._left_homed = self._left_homed or marked
+        return marked
 
     # ------------------------------------------------------------------ small things
     def _counts(self, units_s: float) -> int:

@@ -148,6 +148,9 @@ ERROR_NUMBER = {
     15: "motor blocked",
     16: "non-volatile memory",
 }
+UNDER_VOLTAGE_NUMBER = 3
+# 603Fh of CiA 402 for the same: mains and intermediate circuit
+UNDER_VOLTAGE_CODES = frozenset({0x3120, 0x3220})
 LIMIT_NUMBERS = frozenset({10, 11})
 BLOCKED_NUMBERS = frozenset({5, 13, 15})
 

@@ -61,7 +61,10 @@ class ModbusRelayLights:
             except LightError:
                 raise
             except DeviceError as exc:
-                raise LightError(f"cannot switch to {light.value}: {exc}", device="lights", advice=exc.advice) from exc
+                text = f"cannot switch to {light.value}: {exc}"
+                failed = LightError(text, device="lights", advice=exc.advice)
+                failed.exception = exc.exception
+                raise failed from exc
         if seen != coils:
             text = f"switched to {light.value}, but the coils from {self._first} read {seen}"
             raise LightError(text, device="lights")

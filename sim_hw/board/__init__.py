@@ -1,1 +1,1 @@
-"""The board that lies on the bench, read from its Gerber files."""
+"""Board on the bench, read from its Gerber files; and the maker of the demo board."""

@@ -1,4 +1,4 @@
-"""A board as the simulated station knows it: the round targets of one side and the layers to draw it from.
+"""Board as the simulated station knows it: the round targets of one side and the layers to draw it from.
 
 CAD coordinates are the Gerbers': mm, y up, seen from the top, whichever side is asked for.
 """
@@ -15,10 +15,12 @@ from sim_hw.board.files import BoardFiles, open_folder
 from sim_hw.board.netlist import Record, read_netlist
 from sim_hw.board.shapes import Round, Shape, centre_line_box, outline_polygons, rounds, shapes
 
-ROBOT_ORIGIN_UM = (60_000.0, 40_000.0)  # robot position of the outline's lower left corner (bottom: lower right)
+ROBOT_ORIGIN_UM = (60_000.0, 40_000.0)
+"""Robot position of the outline's lower left corner (bottom: lower right)."""
 SIDES = ("top", "bottom")
 
-_SAME_PLACE_MM = 0.02  # netlists are rounded to 2.54 um, drills to 1 um
+_SAME_PLACE_MM = 0.02
+"""Netlists are rounded to 2.54 um, drills to 1 um."""
 _NAME_PLACE_MM = 0.05
 
 
@@ -202,7 +204,14 @@ def _targets(files: BoardFiles, side: str, records: tuple[Record, ...], mask: tu
         probeable = record is not None and kind != "fiducial" and _accessible(record, side)
         net = record.net if record is not None else ""
         found[place] = Target(
-            name, kind, round(pad.x_mm, 6), round(pad.y_mm, 6), round(bare_mm, 6), hole_mm, net, probeable
+            name=name,
+            kind=kind,
+            x_mm=round(pad.x_mm, 6),
+            y_mm=round(pad.y_mm, 6),
+            pad_diameter_mm=round(bare_mm, 6),
+            hole_diameter_mm=hole_mm,
+            net=net,
+            probeable=probeable,
         )
     return _uniquely_named(found.values())
 

@@ -1,4 +1,4 @@
-"""Where everything of the demo board lies: mm from its lower left corner, y up, seen from the top."""
+"""Layout of the demo board: mm from its lower left corner, y up, seen from the top."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,8 @@ Point = tuple[float, float]
 
 WIDTH_MM = 40.0
 HEIGHT_MM = 30.0
-ORIGIN_MM: Point = (10.0, 10.0)  # CAD coordinates of the lower left corner: deliberately not zero
+ORIGIN_MM: Point = (10.0, 10.0)
+"""CAD coordinates of the lower left corner: deliberately not zero."""
 VIA_PAD_MM = 0.150
 VIA_HOLE_MM = 0.050
 SITE_PAD_MM = 0.450
@@ -16,8 +17,8 @@ TENTED_PAD_MM = 0.500
 TENTED_HOLE_MM = 0.250
 FIDUCIAL_MM = 1.0
 FIDUCIAL_OPENING_MM = 2.0
-# No copper, no silkscreen: the dark place where the probe is taught (x0, y0, x1, y1).
 FREE_AREA_MM = (29.0, 19.5, 36.0, 26.5)
+"""No copper, no silkscreen: the dark place where the probe is taught (x0, y0, x1, y1)."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,16 @@ def _via(
     opening_mm: float | None = None,
     open_below: bool = False,
 ) -> RoundPad:
-    return RoundPad(name, (x, y), VIA_PAD_MM, VIA_HOLE_MM, net, capped, opening_mm, open_below)
+    return RoundPad(
+        name=name,
+        centre_mm=(x, y),
+        pad_mm=VIA_PAD_MM,
+        hole_mm=VIA_HOLE_MM,
+        net=net,
+        capped=capped,
+        opening_mm=opening_mm,
+        open_below=open_below,
+    )
 
 
 def _site(name: str, x: float, y: float, net: str, *, hole: bool) -> RoundPad:
@@ -71,7 +81,6 @@ TEST_POINTS: tuple[RoundPad, ...] = (
     _site("TP12", 26.0, 5.5, "ENABLE", hole=True),  # an untested via lies 0.9 mm beside it
 )
 
-# Bare vias nobody asked to test: what a wrong landing would hit.
 NEIGHBOURS: tuple[RoundPad, ...] = tuple(
     _via("VIA", x, y, net, open_below=True)
     for x, y, net in (
@@ -91,6 +100,7 @@ NEIGHBOURS: tuple[RoundPad, ...] = tuple(
         (27.2, 7.4, "VCC"),
     )
 )
+"""Bare vias nobody asked to test: what a wrong landing would hit."""
 
 TENTED: tuple[Point, ...] = (
     (5.0, 23.2),
@@ -115,13 +125,13 @@ FIDUCIALS: tuple[tuple[str, Point], ...] = (
     ("FID3", (3.0, 27.0)),
 )
 
-# Four through-hole pins of a connector: round, bare, larger than a probe site.
 HEADER_PINS: tuple[tuple[str, Point, str], ...] = (
     ("1", (7.0, 4.5), "VCC"),
     ("2", (9.54, 4.5), "TX"),
     ("3", (12.08, 4.5), "RX"),
     ("4", (14.62, 4.5), "GND"),
 )
+"""Four through-hole pins of a connector: round, bare, larger than a probe site."""
 HEADER_PAD_MM = 1.6
 HEADER_HOLE_MM = 0.95
 
@@ -168,7 +178,6 @@ SMD_PADS: tuple[SmdPad, ...] = (
     + _chip("R4", 32.6, 6.8, ("RX", "GND"))
 )
 
-# Traces under the mask: width in mm, then the corners.
 TRACES: tuple[tuple[float, tuple[Point, ...]], ...] = (
     (0.10, ((18.0, 25.0), (18.9, 25.0), (19.9, 24.0), (19.9, 22.4), (18.975, 22.4))),
     (0.15, ((18.0, 19.0), (18.0, 18.0), (20.35, 15.65), (20.35, 13.6))),
@@ -191,12 +200,12 @@ TRACES: tuple[tuple[float, tuple[Point, ...]], ...] = (
     (0.08, ((16.2, 22.6), (15.2, 23.6), (15.2, 26.4))),
     (0.20, ((21.0, 17.0), (22.0, 18.0), (22.0, 20.4), (23.425, 21.4))),
 )
+"""Traces under the mask: width in mm, then the corners."""
 
-# A copper pour under the mask, cleared round TP11 and its neighbour by `POUR_GAP_MM`.
 POUR_MM: tuple[Point, ...] = ((29.0, 9.0), (38.5, 9.0), (38.5, 17.5), (31.5, 17.5), (29.0, 15.0))
+"""A copper pour under the mask, cleared round TP11 and its neighbour by `POUR_GAP_MM`."""
 POUR_GAP_MM = 0.30
 
-# Silkscreen: text (lower left, height), then boxes (corners) with the line width below.
 SILK_TEXT: tuple[tuple[str, Point, float], ...] = (
     ("TP1", (6.4, 25.9), 0.8),
     ("TP2", (12.2, 25.9), 0.8),
@@ -220,6 +229,7 @@ SILK_TEXT: tuple[tuple[str, Point, float], ...] = (
     ("J1", (16.4, 3.0), 1.0),
     ("DEMO", (28.4, 28.0), 1.2),
 )
+"""Silkscreen: text (lower left, height), then boxes (corners) with the line width below."""
 SILK_BOXES: tuple[tuple[Point, Point], ...] = (
     ((12.8, 9.5), (24.0, 12.5)),
     ((5.6, 3.2), (16.0, 5.8)),

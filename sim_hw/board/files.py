@@ -1,4 +1,4 @@
-"""Find and open the CAD files of a board folder.
+"""CAD files of a board folder: which is which, and how to open them.
 
 gerbonara's `LayerStack` knows the naming habits of many tools; where it fails or leaves a layer out, the files
 are opened one by one and told apart by their X2 `.FileFunction`, else by their suffix.

@@ -1,10 +1,9 @@
-"""A stroke font of our own for silkscreen: only the letters our board needs."""
+"""Stroke font of our own for silkscreen: only the letters our board needs."""
 
 from collections.abc import Iterator
 
 Point = tuple[float, float]
 
-# Strokes on a grid 2 wide and 4 high, origin bottom left; one string per stroke, two digits a point.
 _GLYPHS: dict[str, tuple[str, ...]] = {
     "0": ("0004242000", "0024"),
     "1": ("0314", "1410", "0020"),
@@ -29,6 +28,7 @@ _GLYPHS: dict[str, tuple[str, ...]] = {
     "T": ("0424", "1410"),
     "U": ("04002024",),
 }
+"""Strokes on a grid 2 wide and 4 high, origin bottom left; one string per stroke, two digits a point."""
 
 _WIDTH = 2
 _HEIGHT = 4

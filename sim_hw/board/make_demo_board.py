@@ -1,4 +1,4 @@
-"""Make the demo board's files: `python -m sim_hw.make_demo_board [FOLDER]` (default: the one kept here)."""
+"""Maker of the demo board: `python -m sim_hw.board.make_demo_board [FOLDER]` (default: the one kept here)."""
 
 import sys
 from collections.abc import Iterator
@@ -121,22 +121,47 @@ def _records() -> Iterator[NetRecord]:
         drilled = pad.hole_mm is not None
         below = pad.open_below
         yield NetRecord(
-            pad.net,
-            pad.name,
-            _cad(pad.centre_mm),
-            size_mm,
-            pad.hole_mm,
-            "" if pad.name == "VIA" else "1",
-            0 if drilled else 1,
-            0 if below else 2,
+            net=pad.net,
+            reference=pad.name,
+            centre_mm=_cad(pad.centre_mm),
+            size_mm=size_mm,
+            hole_mm=pad.hole_mm,
+            pin="" if pad.name == "VIA" else "1",
+            access=0 if drilled else 1,
+            mask=0 if below else 2,
         )
     for i, centre_mm in enumerate(lay.TENTED):
         net = "GND" if i % 2 else "VCC"
-        yield NetRecord(net, "VIA", _cad(centre_mm), (lay.TENTED_PAD_MM, 0.0), lay.TENTED_HOLE_MM, "", 0, 3)
+        yield NetRecord(
+            net=net,
+            reference="VIA",
+            centre_mm=_cad(centre_mm),
+            size_mm=(lay.TENTED_PAD_MM, 0.0),
+            hole_mm=lay.TENTED_HOLE_MM,
+            pin="",
+            access=0,
+            mask=3,
+        )
     for pin, centre_mm, net in lay.HEADER_PINS:
-        yield NetRecord(net, "J1", _cad(centre_mm), (lay.HEADER_PAD_MM, 0.0), lay.HEADER_HOLE_MM, pin, 0, 0)
+        yield NetRecord(
+            net=net,
+            reference="J1",
+            centre_mm=_cad(centre_mm),
+            size_mm=(lay.HEADER_PAD_MM, 0.0),
+            hole_mm=lay.HEADER_HOLE_MM,
+            pin=pin,
+            access=0,
+            mask=0,
+        )
     for smd in lay.SMD_PADS:
-        yield NetRecord(smd.net, smd.reference, _cad(smd.centre_mm), smd.size_mm, None, smd.pin)
+        yield NetRecord(
+            net=smd.net,
+            reference=smd.reference,
+            centre_mm=_cad(smd.centre_mm),
+            size_mm=smd.size_mm,
+            hole_mm=None,
+            pin=smd.pin,
+        )
     for name, centre_mm in lay.FIDUCIALS:
         yield NetRecord("N/C", name, _cad(centre_mm), (lay.FIDUCIAL_MM, 0.0))
 

@@ -1,4 +1,4 @@
-"""Read the test records of an IPC-D-356 netlist.
+"""Test records of an IPC-D-356 netlist.
 
 Read by columns and not through gerbonara, which drops the mask code of `R000S3` (written without the blank
 column by KiCad). Source: IPC-D-356A, record types 317, 327 and 367.

@@ -1,4 +1,4 @@
-"""Turn gerbonara's objects into plain polygons in millimetres.
+"""Polygons in millimetres from gerbonara's objects.
 
 The rasteriser and the target finder need nothing but outlines, so the foreign library stays in here and in
 `board_files`.

@@ -1,4 +1,4 @@
-"""Write Gerber X2, Excellon and IPC-D-356 as text: the few statements a board of our own needs.
+"""Text of Gerber X2, Excellon and IPC-D-356: the few statements a board of our own needs.
 
 Sources: Ucamco, The Gerber Layer Format Specification (X2 attributes, IPC-4761 via types);
 IPC-D-356A column layout.

@@ -1,1 +1,1 @@
-"""The serial line, its frames, and the light relay on it."""
+"""Serial line, its frames, and the light relay on it."""

@@ -1,4 +1,4 @@
-"""The RTU line: one pseudo-terminal that carries every slave.
+"""RTU line: one pseudo-terminal that carries every slave.
 
 Paced, it behaves in time like 115200 baud: a request takes its bytes' time to arrive, ends after 3.5 characters of
 silence, is thought about, and the reply takes its time too. Unpaced, a request is served as soon as it is whole.
@@ -23,12 +23,12 @@ from sim_hw.plant.clock import SimClock
 from sim_hw.plant.faults import Faults
 from sim_hw.plant.knobs import Knobs
 
-#: 8N1 at 115200 baud; the planning figures count 11 bits a character.
 CHARACTER_S = 11.0 / 115_200.0
-#: Silence that ends a frame; fixed above 19200 baud (Modbus over serial line, 2.5.1.1).
+"""8N1 at 115200 baud; the planning figures count 11 bits a character."""
 T35_S = 0.00175
-#: Unpaced, what is not whole after so long is thrown away.
+"""Silence that ends a frame; fixed above 19200 baud (Modbus over serial line, 2.5.1.1)."""
 _STALE_S = 0.02
+"""Unpaced, what is not whole after so long is thrown away."""
 
 
 @dataclass
@@ -37,12 +37,12 @@ class LineStatistics:
 
     requests: int = 0
     replies: int = 0
-    #: Frames with a wrong CRC or no end.
     garbled: int = 0
-    #: Requests lost because they came too soon after a reply.
+    """Frames with a wrong CRC or no end."""
     early: int = 0
-    #: Bytes lost because they came while a request was being served.
+    """Requests lost because they came too soon after a reply."""
     collided: int = 0
+    """Bytes lost because they came while a request was being served."""
 
 
 @dataclass

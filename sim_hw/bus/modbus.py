@@ -13,8 +13,8 @@ ILLEGAL_ADDRESS = 0x02
 ILLEGAL_VALUE = 0x03
 DEVICE_FAILURE = 0x04
 
-#: Function code 43 with MEI type 13: CANopen objects over Modbus (CiA 309-2).
 ENCAPSULATED = 0x2B
+"""Function code 43 with MEI type 13: CANopen objects over Modbus (CiA 309-2)."""
 MEI_CANOPEN = 0x0D
 
 MAX_FRAME = 256

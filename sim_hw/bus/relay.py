@@ -1,4 +1,4 @@
-"""The light relay: a Waveshare-type eight-channel Modbus RTU board; coil 0 white ring, coil 1 red ring."""
+"""Light relay: a Waveshare-type eight-channel Modbus RTU board; coil 0 white ring, coil 1 red ring."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ COILS = 8
 ALL_COILS = 0x00FF
 LAMPS = ("white", "red")
 
-#: Function code 5 values.
 _ON, _OFF, _TOGGLE = 0xFF00, 0x0000, 0x5500
+"""Function code 5 values."""
 
 _READ_COILS, _WRITE_COIL, _WRITE_COILS = 1, 5, 15
 

@@ -1,1 +1,1 @@
-"""The camera: its queue, its controls, its socket."""
+"""Camera: its queue, its controls, its socket."""

@@ -1,6 +1,6 @@
-"""The camera's controls as a UVC driver shows them, and what its automatics do to the picture.
+"""Camera controls as a UVC driver shows them, and what its automatics do to the image.
 
-At power-up the automatics are on, as in any web camera: pictures then change after each switch of the light until
+At power-up the automatics are on, as in any web camera: images then change after each switch of the light until
 somebody turns them off. A manual value set while its automatic is on is kept and takes effect afterwards.
 """
 
@@ -10,13 +10,16 @@ from dataclasses import dataclass
 from sim_hw.scene.optics import Head
 from sim_hw.scene.sensor import NOMINAL_EXPOSURE_S, Channels
 
-_GAIN_DOUBLES_AT = 64  # control units above zero that double the signal
+_GAIN_DOUBLES_AT = 64
+"""Control units above zero that double the signal."""
 _BEST_FOCUS = 120
 _BLUR_PX_PER_FOCUS = 0.02
 _NEUTRAL_K = 4600
-_AUTO_STEP = 0.35  # share of the way to its goal that an automatic goes in a frame
+_AUTO_STEP = 0.35
+"""Share of the way to its goal that an automatic goes in a frame."""
 _AUTO_LONGEST_S = 0.060
-_DARK = 0.02  # light the automatic exposure believes in at least
+_DARK = 0.02
+"""Light the automatic exposure believes in at least."""
 
 
 @dataclass(frozen=True)

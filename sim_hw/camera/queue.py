@@ -1,4 +1,4 @@
-"""Buffers filled the way V4L2 fills them: oldest first, and nothing is filled while none is free.
+"""Camera buffers, filled the way V4L2 fills them: oldest first, and nothing is filled while none is free.
 
 Time is an argument (simulated seconds) and must not go back. A frame needs a free buffer when it has been read
 out; otherwise it is dropped, its sequence number with it. So who paused gets the OLD frames first.

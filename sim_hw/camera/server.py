@@ -1,4 +1,4 @@
-"""The camera as a server on a ZeroMQ ROUTER: open, controls, set, grab, retrieve, close.
+"""Camera server on a ZeroMQ ROUTER: open, controls, set, grab, retrieve, close.
 
 Requests are one JSON frame `{"v":1,"n":..,"op":..}`; replies `[json]` or `[json, pixels]`. Frames carry the
 CLOCK_MONOTONIC time at which their exposure began. Pixels are drawn at `retrieve`, in a worker thread.
@@ -20,12 +20,13 @@ from sim_hw.camera.controls import Controls
 from sim_hw.camera.queue import Captured, FrameQueue
 from sim_hw.scene.optics import HEIGHT_PX, WIDTH_PX
 from sim_hw.scene.scene import Scene, SceneFaults, ScenePlant, Shot, watch
-from sim_hw.scene.sensor import Picture
+from sim_hw.scene.sensor import Image
 
 MODEL = "reprobe simulated camera"
 JPEG_QUALITY = 92
 MAX_BUFFERS = 10
-_TORN_SHARE = 0.6  # of the bytes of a torn frame arrive
+_TORN_SHARE = 0.6
+"""Share of the bytes of a torn frame that arrive."""
 _TICK_S = 0.02
 
 
@@ -67,8 +68,8 @@ class CameraServer:
         self._controls = Controls()
         self._stream: FrameQueue | None = None
         self._encoding = "mjpg"
-        self._drawn: tuple[Captured, Picture] | None = None
-        self._frozen: Picture | None = None
+        self._drawn: tuple[Captured, Image] | None = None
+        self._frozen: Image | None = None
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="camera")
         self._operations = {
             "open": self._open,
@@ -98,7 +99,7 @@ class CameraServer:
             self._worker.shutdown(wait=False, cancel_futures=True)
 
     async def _tick(self) -> None:
-        """Let buffers fill while nobody asks: the plant does not remember for ever."""
+        """Let buffers fill while nobody asks: the plant remembers only the last seconds."""
         while True:
             if self._stream is not None:
                 self._stream.advance(self._clock.now_s())
@@ -185,7 +186,7 @@ class CameraServer:
             wait_s = self._clock.wall_delay(stream.next_event_s() - now_s) + 2e-4
             await asyncio.sleep(min(wait_s, left_s))
             if self._stream is not stream:
-                raise _Refused("closed", "the stream was closed or opened anew meanwhile")
+                raise _Refused("closed", "the stream was closed or reopened meanwhile")
 
     async def _retrieve(self, _request: dict[str, Any]) -> Answer:
         frame = self._streaming().held
@@ -216,25 +217,25 @@ class CameraServer:
 
     def _pixels(self, frame: Captured, encoding: str) -> bytes:
         """Return the bytes of a frame; runs in the worker thread."""
-        picture = self._picture(frame)
+        image = self._image(frame)
         if encoding == "bgr8":
-            return picture.tobytes()
+            return image.tobytes()
         options = [
             cv2.IMWRITE_JPEG_QUALITY,
             JPEG_QUALITY,
             cv2.IMWRITE_JPEG_SAMPLING_FACTOR,
             cv2.IMWRITE_JPEG_SAMPLING_FACTOR_422,
         ]
-        return bytes(cv2.imencode(".jpg", picture, options)[1])
+        return bytes(cv2.imencode(".jpg", image, options)[1])
 
-    def _picture(self, frame: Captured) -> Picture:
+    def _image(self, frame: Captured) -> Image:
         """Return a frame as the driver delivers it."""
-        picture = self._taken(frame)
+        image = self._taken(frame)
         if self._faults.use("mirrored"):
-            return np.asarray(cv2.flip(picture, 1), dtype=np.uint8)
-        return picture
+            return np.asarray(cv2.flip(image, 1), dtype=np.uint8)
+        return image
 
-    def _taken(self, frame: Captured) -> Picture:
+    def _taken(self, frame: Captured) -> Image:
         if self._faults.use("black"):
             return np.zeros((HEIGHT_PX, WIDTH_PX, 3), dtype=np.uint8)
         if not self._faults.use("frozen"):
@@ -243,7 +244,14 @@ class CameraServer:
             return self._frozen
         if self._drawn is None or self._drawn[0] is not frame:
             taken = frame.taken
-            shot = Shot(frame.sequence, taken.exposure_s, frame.states, taken.gain, taken.balance, taken.focus_px)
+            shot = Shot(
+                sequence=frame.sequence,
+                exposure_s=taken.exposure_s,
+                states=frame.states,
+                gain=taken.gain,
+                balance=taken.balance,
+                focus_px=taken.focus_px,
+            )
             self._drawn = (frame, self.scene.render(shot))
         if self._faults.on("frozen"):
             self._frozen = self._drawn[1]

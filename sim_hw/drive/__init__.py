@@ -1,1 +1,1 @@
-"""A stepper drive: dictionary, power states, modes, slave."""
+"""Stepper drive: dictionary, power states, modes, slave."""

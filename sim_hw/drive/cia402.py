@@ -1,4 +1,4 @@
-"""The CiA 402 power state machine as data (drive manual, 6040h and 6041h)."""
+"""CiA 402 power state machine as data (drive manual, 6040h and 6041h)."""
 
 from __future__ import annotations
 
@@ -30,7 +30,6 @@ class Command(Enum):
 
 _OFF = PowerState.SWITCH_ON_DISABLED
 
-#: Unlisted pairs change nothing. Faults and their reset are the drive's own transitions.
 TRANSITIONS: dict[PowerState, dict[Command, PowerState]] = {
     PowerState.NOT_READY: {},
     PowerState.SWITCH_ON_DISABLED: {Command.SHUTDOWN: PowerState.READY},
@@ -56,8 +55,8 @@ TRANSITIONS: dict[PowerState, dict[Command, PowerState]] = {
     PowerState.FAULT_REACTION: {},
     PowerState.FAULT: {},
 }
+"""Unlisted pairs change nothing. Faults and their reset are the drive's own transitions."""
 
-#: Controlword masks and patterns; bits 0..3 and 7.
 _PATTERNS = (
     (0b1000_0010, 0b0000_0000, Command.DISABLE_VOLTAGE),
     (0b1000_0110, 0b0000_0010, Command.QUICK_STOP),
@@ -65,6 +64,7 @@ _PATTERNS = (
     (0b1000_1111, 0b0000_0111, Command.SWITCH_ON),
     (0b1000_1111, 0b0000_1111, Command.ENABLE),
 )
+"""Controlword masks and patterns; bits 0..3 and 7."""
 
 
 def command_of(controlword: int) -> Command | None:

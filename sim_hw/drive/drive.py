@@ -1,4 +1,4 @@
-"""One stepper drive behind its object dictionary: power states, faults, limits, modes of operation (CiA 402).
+"""Stepper drive behind its object dictionary: power states, faults, limits, modes of operation (CiA 402).
 
 Time is an argument: `update(t)` works off everything that happened up to `t`, each thing at its own time, so the
 result does not depend on how often the drive is asked.
@@ -22,8 +22,8 @@ PROFILE_POSITION, HOMING = 1, 6
 
 _QUICK_STOP_BIT, _FAULT_RESET = 1 << 2, 1 << 7
 
-#: 605Ah: brake with 6084h or 6085h; the last two stay in "quick stop active".
 _CUT, _SLOW, _SLOW_STAY, _STAY = 0, 1, 5, (5, 6)
+"""605Ah: brake with 6084h or 6085h; the last two stay in "quick stop active"."""
 
 
 class Drive:

@@ -18,8 +18,8 @@ from sim_hw.plant.knobs import Knobs
 _HEAD = 12
 _EXTENDED = 0xFF
 _CANOPEN_ERROR, _CONTROL_ERROR = 0xCE, 0xCF
-#: "SDO protocol timed out": no such node behind this gateway.
 _ABORT_NO_NODE = 0x05040000
+"""Abort code "SDO protocol timed out": no such node behind this gateway."""
 
 
 class Objects(Protocol):

@@ -36,7 +36,6 @@ class Search:
         return "positive" if self.upwards else "negative"
 
 
-#: Switch, the last search goes upwards, the last search leaves the switch.
 _METHODS: dict[int, tuple[Switch, bool, bool]] = {
     17: ("negative", True, True),
     18: ("positive", False, True),
@@ -45,9 +44,10 @@ _METHODS: dict[int, tuple[Switch, bool, bool]] = {
     21: ("home", True, True),
     22: ("home", False, False),
 }
+"""Switch, the last search goes upwards, the last search leaves the switch."""
 
-#: Take the present place as home, without motion.
 _HERE = (35, 37)
+"""Take the present place as home, without motion."""
 
 METHODS = (*_METHODS, *_HERE)
 

@@ -1,4 +1,4 @@
-"""A Nanotec drive with its L4118 motor as a Modbus RTU slave: registers, function code 43, memory, restart."""
+"""Nanotec drive with its L4118 motor as a Modbus RTU slave: registers, function code 43, memory, restart."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ from sim_hw.plant.axis import AxisSpec
 from sim_hw.plant.plant import Plant
 
 SAVE, REBOOT = 0x65766173, 0x746F6F62
-#: A save takes seconds; 1010h reads 0 meanwhile.
 SAVE_S = 2.0
+"""A save takes seconds; 1010h reads 0 meanwhile."""
 
-#: NanoJ windows: 2500h from register 2000 (read), 2400h from register 3000.
 NANOJ_OUTPUTS, NANOJ_INPUTS = 2000, 3000
+"""NanoJ windows: 2500h from register 2000 (read), 2400h from register 3000."""
 _NANOJ = {NANOJ_OUTPUTS: 0x2500, NANOJ_INPUTS: 0x2400}
 _NANOJ_REGISTERS = 64
 
@@ -43,8 +43,8 @@ _MAX_READ, _MAX_WRITE = 125, 123
 
 _STRINGS: dict[Key, bytes] = {(0x1008, 0): b"C5-E-1-09", (0x1009, 0): b"W007", (0x100A, 0): b"FIR-v2213-B1048834"}
 
-#: What a save keeps: everything writable but orders, run-time inputs and the error stack.
 _NOT_SAVED = {0x1003, 0x1010, 0x2400, 0x2500, 0x2800, 0x6040, 0x6060, 0x607A, 0x60FE}
+"""What a save keeps: everything writable but orders, run-time inputs and the error stack."""
 
 
 class L4118:

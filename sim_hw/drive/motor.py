@@ -1,4 +1,4 @@
-"""A drive's view of its motor: the demanded motion, its own zero, the switches. Units: um or degrees."""
+"""Motor as its drive sees it: the demanded motion, its own zero, the switches. Units: um or degrees."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from sim_hw.plant.plant import Plant
 
 Switch = Literal["negative", "positive", "home"]
 
-#: Bit of each switch in 60FDh and of its enabling in 3240h:01.
 SWITCH_BITS: dict[Switch, int] = {"negative": 0, "positive": 1, "home": 2}
+"""Bit of each switch in 60FDh and of its enabling in 3240h:01."""
 
 
 class Motor:
@@ -117,6 +117,6 @@ class Motor:
 
     def _turn(self, demand: Trajectory) -> None:
         name = self.spec.name
-        play, sigma = self._plant.backlash(name), self._plant.stop_sigma(name)
-        self._axis.follow(demand, play=play, sigma=sigma, stalled=self._stalled)
+        backlash, sigma = self._plant.backlash(name), self._plant.stop_sigma(name)
+        self._axis.follow(demand, backlash=backlash, sigma=sigma, stalled=self._stalled)
         self._plant.changed()

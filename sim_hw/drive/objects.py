@@ -1,4 +1,4 @@
-"""The object dictionary of a drive: what exists, how wide it is, who may write it.
+"""Object dictionary of a drive: what exists, how wide it is, who may write it.
 
 Names and defaults are those of the drive manual's object pages; entries the manual leaves open are in `knobs.py`.
 """
@@ -9,8 +9,8 @@ import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 
-#: CANopen abort codes (CiA 301).
 ABORT_WRITE_ONLY = 0x06010001
+"""CANopen abort codes (CiA 301)."""
 ABORT_READ_ONLY = 0x06010002
 ABORT_NO_OBJECT = 0x06020000
 ABORT_NOT_MAPPABLE = 0x06040041
@@ -73,20 +73,20 @@ def _table() -> dict[Key, Entry]:
     return table
 
 
-#: Length of the NanoJ arrays 2400h and 2500h.
 NANOJ_VALUES = 32
+"""Length of the NanoJ arrays 2400h and 2500h."""
 
-#: Default mapping, receive (the manual's page was not found; from memory) and transmit (manual, 3602h).
 RX_DEFAULT = (0x60400010, 0x00050008, 0x60600008, 0x32020020, 0x607A0020, 0x60810020, 0x60420010, 0x60FE0120)
+"""Default mapping, receive (the manual's page was not found; from memory) and transmit (manual, 3602h)."""
 TX_DEFAULT = (0x60410010, 0x00050008, 0x60610008, 0x60640020, 0x60440010, 0x60FD0020)
 
-#: 1018h: vendor (Nanotec), product, revision, serial number (made up).
 _IDENTITY: dict[Key, int] = {
     (0x1018, 1): 0x0000026C,
     (0x1018, 2): 0x0000003D,
     (0x1018, 3): 0x07F70001,
     (0x1018, 4): 0x00004118,
 }
+"""1018h: vendor (Nanotec), product, revision, serial number (made up)."""
 
 # index:subindex  type  access  default  mappable (R receive, T transmit)
 _ROWS = """
@@ -156,8 +156,8 @@ _ROWS = """
 
 ENTRIES = _table()
 
-#: Index 0002h..0007h fill gaps in a mapping: object -> bits.
 DUMMIES = {0x0002: 8, 0x0003: 16, 0x0004: 32, 0x0005: 8, 0x0006: 16, 0x0007: 32}
+"""Index 0002h..0007h fill gaps in a mapping: object -> bits."""
 
 
 class ObjectDictionary:

@@ -1,4 +1,4 @@
-"""The drive's process image: mapped objects packed into Modbus registers (drive manual, "PDO", 3502h and 3602h)."""
+"""Process image of a drive: mapped objects packed into Modbus registers (drive manual, "PDO", 3502h and 3602h)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What all parts of a drive share: its time, motor, objects and units, and what the switches say."""
+"""Shared parts of a drive: its time, motor, objects and units, and what the switches say."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from sim_hw.drive.units import units_for
 from sim_hw.plant.axis import AxisSpec
 from sim_hw.plant.plant import Plant
 
-#: The drive looks at a new controlword or mode once per cycle.
 CYCLE_S = 0.001
+"""The drive looks at a new controlword or mode once per cycle."""
 
-#: Something that is due: when, and what to do.
 Due = tuple[float, Callable[[], None]]
+"""Something that is due: when, and what to do."""
 
 
 class Stage:

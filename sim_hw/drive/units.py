@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 from sim_hw.plant.axis import INCREMENTS_PER_REV, AxisSpec
 
-#: Unit code (bits 16..23) -> units per motor revolution (drive manual, "User-defined units").
 _PER_REV = {
     0xB4: 1.0,
     0xB5: float(INCREMENTS_PER_REV),
@@ -18,9 +17,10 @@ _PER_REV = {
     0x42: 21_600.0,
     0x43: 1_296_000.0,
 }
+"""Unit code (bits 16..23) -> units per motor revolution (drive manual, "User-defined units")."""
 
-#: Time code (bits 8..15 of 60A9h, CiA 303) -> seconds.
 _SECONDS = {0x03: 1.0, 0x47: 60.0, 0x48: 3600.0}
+"""Time code (bits 8..15 of 60A9h, CiA 303) -> seconds."""
 
 
 @dataclass(frozen=True)

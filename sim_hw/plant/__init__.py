@@ -1,1 +1,1 @@
-"""What is true: axes, pose, needle, lamps, faults; time is an argument."""
+"""Truth of the station: axes, pose, card, lamps, faults; time is an argument."""

@@ -1,7 +1,7 @@
-"""The mechanics of one axis: what the carriage does when the motor's field turns.
+"""Mechanics of one axis: what the carriage does when the motor's field turns.
 
 The rotor follows what the drive demands unless it stalls or stands at a hard stop (then steps are lost and nobody
-knows). The carriage follows the rotor with play, plus an error that is drawn afresh for every stop.
+knows). The carriage follows the rotor with backlash, plus an error drawn new for every stop.
 Positions are um or degrees in the machine's own frame, where the home switch's edge is at `home_edge`.
 """
 
@@ -27,22 +27,62 @@ class AxisSpec:
     negative_limit: float
     positive_limit: float
     home_edge: float
-    #: The home switch is active above its edge (True) or below it (False).
     home_above: bool
+    """The home switch is active above its edge (True) or below it (False)."""
     hard_min: float
     hard_max: float
 
 
-#: Position unit B5h of an open-loop drive: pole pairs x 65536.
 INCREMENTS_PER_REV = 50 * 65536
+"""Position unit B5h of an open-loop drive: pole pairs x 65536."""
 
 _ABOVE, _BELOW = True, False
 
 SPECS: tuple[AxisSpec, ...] = (
-    AxisSpec("x", 1, INCREMENTS_PER_REV / 5000.0, -3000.0, 203_000.0, 0.0, _BELOW, -5000.0, 205_000.0),
-    AxisSpec("y", 2, INCREMENTS_PER_REV / 5000.0, -3000.0, 153_000.0, 0.0, _BELOW, -5000.0, 155_000.0),
-    AxisSpec("z", 3, INCREMENTS_PER_REV / 2000.0, -500.0, 32_000.0, 30_000.0, _ABOVE, -1000.0, 33_000.0),
-    AxisSpec("theta", 4, INCREMENTS_PER_REV / 360.0, -221.0, 101.0, 0.0, _ABOVE, -222.5, 102.5),
+    AxisSpec(
+        name="x",
+        address=1,
+        increments_per_unit=INCREMENTS_PER_REV / 5000.0,
+        negative_limit=-3000.0,
+        positive_limit=203_000.0,
+        home_edge=0.0,
+        home_above=_BELOW,
+        hard_min=-5000.0,
+        hard_max=205_000.0,
+    ),
+    AxisSpec(
+        name="y",
+        address=2,
+        increments_per_unit=INCREMENTS_PER_REV / 5000.0,
+        negative_limit=-3000.0,
+        positive_limit=153_000.0,
+        home_edge=0.0,
+        home_above=_BELOW,
+        hard_min=-5000.0,
+        hard_max=155_000.0,
+    ),
+    AxisSpec(
+        name="z",
+        address=3,
+        increments_per_unit=INCREMENTS_PER_REV / 2000.0,
+        negative_limit=-500.0,
+        positive_limit=32_000.0,
+        home_edge=30_000.0,
+        home_above=_ABOVE,
+        hard_min=-1000.0,
+        hard_max=33_000.0,
+    ),
+    AxisSpec(
+        name="theta",
+        address=4,
+        increments_per_unit=INCREMENTS_PER_REV / 360.0,
+        negative_limit=-221.0,
+        positive_limit=101.0,
+        home_edge=0.0,
+        home_above=_ABOVE,
+        hard_min=-222.5,
+        hard_max=102.5,
+    ),
 )
 
 
@@ -52,17 +92,17 @@ class _Piece:
 
     rotor: Segment
     carriage0: float
-    play: float
+    backlash: float
     error: Segment
 
     def carriage(self, t_s: float) -> float:
-        """Return the carriage's place; the rotor pushes it up at once and down only after the play is used up."""
+        """Return the carriage's place; the rotor pushes it up at once and down only after the backlash is used up."""
         rotor = self.rotor.position(t_s)
-        return min(max(self.carriage0, rotor), rotor + self.play)
+        return min(max(self.carriage0, rotor), rotor + self.backlash)
 
     def when_at(self, place: float, *, upwards: bool) -> float | None:
         """Return when the carriage passes a place in a direction, or None."""
-        t_s = self.rotor.time_at(place if upwards else place - self.play)
+        t_s = self.rotor.time_at(place if upwards else place - self.backlash)
         first, last = self.carriage0, self.carriage(self.rotor.t1_s)
         passes = first < place <= last if upwards else first >= place > last
         # Rounding may put the place a hair outside the rotor's segment; then it is passed at its end.
@@ -99,12 +139,12 @@ class Axis:
         """Return the time from which the axis rests, as far as is ordered."""
         return self._pieces[-1].rotor.t0_s
 
-    def follow(self, demand: Trajectory, *, play: float = 0.0, sigma: float = 0.0, stalled: bool = False) -> None:
+    def follow(self, demand: Trajectory, *, backlash: float = 0.0, sigma: float = 0.0, stalled: bool = False) -> None:
         """Turn with the field from the demand's start on, by the demand's displacement.
 
         Args:
             demand: what the drive orders; it replaces whatever was ordered for later.
-            play: backlash of the nut, units.
+            backlash: play of the nut, units.
             sigma: spread of the error drawn for this stop, units.
             stalled: the field turns and the rotor does not.
 
@@ -118,17 +158,17 @@ class Axis:
         drift = _ramp(t_s, end_s, error, goal)
         pieces = self._until(t_s)
         for segment in segments:
-            piece = _Piece(segment, carriage, play, drift)
+            piece = _Piece(segment, carriage, backlash, drift)
             pieces.append(piece)
             rotor, carriage = segment.position(segment.t1_s), piece.carriage(segment.t1_s)
-        self._pieces = [*pieces, _resting(end_s, rotor, carriage, play, goal)]
+        self._pieces = [*pieces, _resting(end_s, rotor, carriage, backlash, goal)]
 
     def slip(self, t_s: float, distance: float) -> None:
         """Stop at once and come to rest `distance` away, but never beyond a hard stop: steps are lost."""
         now = self._at(t_s)
         rotor, carriage, error = now.rotor.position(t_s), now.carriage(t_s), now.error.position(t_s)
         distance = min(max(carriage + distance, self.spec.hard_min), self.spec.hard_max) - carriage
-        self._pieces = [*self._until(t_s), _resting(t_s, rotor + distance, carriage + distance, now.play, error)]
+        self._pieces = [*self._until(t_s), _resting(t_s, rotor + distance, carriage + distance, now.backlash, error)]
 
     def next_crossing(self, place: float, after_s: float, *, upwards: bool) -> float | None:
         """Return the first time after `after_s` at which the carriage is going to pass a place, or None."""
@@ -162,8 +202,8 @@ class Axis:
         return kept
 
 
-def _resting(t_s: float, rotor: float, carriage: float, play: float, error: float) -> _Piece:
-    return _Piece(Segment(t_s, math.inf, rotor, 0.0, 0.0), carriage, play, Segment(t_s, math.inf, error, 0.0, 0.0))
+def _resting(t_s: float, rotor: float, carriage: float, backlash: float, error: float) -> _Piece:
+    return _Piece(Segment(t_s, math.inf, rotor, 0.0, 0.0), carriage, backlash, Segment(t_s, math.inf, error, 0.0, 0.0))
 
 
 def _ramp(t0_s: float, t1_s: float, first: float, last: float) -> Segment:

@@ -1,4 +1,4 @@
-"""Where the control-point card lies: a laser print on white paper, fixed to the bench beside the board.
+"""Control-point card: where it lies, a laser print on white paper, fixed to the bench beside the board.
 
 What is NOT modelled: a card that is tilted or curls, and the step of its edge.
 """
@@ -15,10 +15,10 @@ import numpy.typing as npt
 from sim_hw.plant.knobs import Knobs
 from sim_hw.plant.pose import chosen
 
-#: Nominal centre of the print in the robot frame: reached at every head angle, and far from the board.
 CARD_CENTRE_UM = (30_000.0, 22_000.0)
-#: Side of the square paper, whose middle is the centre of the print.
+"""Nominal centre of the print in the robot frame: reached at every head angle, and far from the board."""
 CARD_SIDE_UM = 11_000.0
+"""Side of the square paper, whose middle is the centre of the print."""
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
-"""What can be broken from outside, and whether it is broken now.
+"""Faults: what can be broken from outside, and whether it is broken now.
 
-A fault is a flag with parameters. Whoever owns the thing enforces it: the line reads `cable_out`, the drives read
+A fault is a flag with parameters. Its owner enforces it: the line reads `cable_out`, the drives read
 `stall`, the camera reads `frozen`, and so on. Any fault may carry `count`: it then clears itself after that many uses.
 """
 
@@ -12,7 +12,6 @@ from typing import Any
 
 _AXES = ("x", "y", "z", "theta", "all")
 
-#: Every fault with its parameters' defaults. A value outside `CHOICES` or of another type is refused.
 DEFAULTS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
     {
         # line
@@ -44,13 +43,14 @@ DEFAULTS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
         "missing": {},
     }
 )
+"""Every fault with its parameters' defaults. A value outside `CHOICES` or of another type is refused."""
 
 CHOICES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {"axis": _AXES, "side": ("negative", "positive", "both"), "lamp": ("white", "red", "both")}
 )
 
-#: A linear axis slips by micrometres.
 _CHOICES_OF: Mapping[tuple[str, str], tuple[str, ...]] = MappingProxyType({("slip", "axis"): ("x", "y")})
+"""A linear axis slips by micrometres."""
 
 Listener = Callable[[str, bool, Mapping[str, Any]], None]
 

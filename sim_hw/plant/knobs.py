@@ -1,4 +1,4 @@
-"""Every imperfection of the simulated station and every unsettled point of the drive manual, as one frozen value."""
+"""Knobs: every imperfection of the station and every unsettled point of the drive manual, as one frozen value."""
 
 from __future__ import annotations
 
@@ -44,40 +44,41 @@ class Knobs:
     y_backlash_um: float = 15.0
     z_backlash_um: float = 0.0
     theta_backlash_deg: float = 0.0
-    #: Planar error of a stop, one sigma; each of X and Y draws it divided by sqrt(2).
     repeatability_um: float = 8.0
+    """Planar error of a stop, one sigma; each of X and Y draws it divided by sqrt(2)."""
     z_repeatability_um: float = 2.0
     theta_repeatability_deg: float = 0.0
-    #: How well a homing finds the same edge again, one sigma.
     home_repeatability_um: float = 3.0
+    """How well a homing finds the same edge again, one sigma."""
     theta_home_repeatability_deg: float = 0.01
-    #: Slip of a linear axis whose power is cut while it moves, one sigma.
     estop_slip_um: float = 40.0
+    """Slip of a linear axis whose power is cut while it moves, one sigma."""
     head_runout_scale: float = 1.0
 
-    #: How far the probe's plunger can be pushed in; what is lowered further presses with the whole pin.
     pin_travel_um: float = 1000.0
+    """How far the probe's plunger can be pushed in; what is lowered further presses with the whole pin."""
 
     # --- lights
     lamp_rise_s: float = 0.015
     relay_delay_s: float = 0.008
     relay_bounce_s: float = 0.002
 
-    # --- the picture; read by the camera
+    # --- the image; read by the camera
     camera_frame_period_s: float = 1.0 / 15.0
     camera_blur_px: float = 1.0
     camera_noise_grey: float = 3.0
     camera_falloff: float = 0.15
-    #: Chance of a glint in a frame.
     camera_glint: float = 0.3
-    #: Spread of the tip's place in the image between stops, one sigma.
+    """Chance of a glint in a frame."""
     camera_flex_px: float = 0.7
+    """Spread of the tip's place in the image between stops, one sigma."""
 
     # --- the line
     think_min_ms: float = 1.0
     think_max_ms: float = 2.0
-    #: A request that begins sooner than this after the last reply is lost (drive manual, "General"); paced line only.
     bus_gap_ms: float = 3.0
+    """A request that begins sooner than this after the last reply is lost (drive manual, "General"); paced line
+    only."""
 
     # --- drive configuration as saved in its memory
     position_unit: int = 0x00B50000
@@ -85,21 +86,21 @@ class Knobs:
     special_function_enable: int = 0x7
     quick_stop_option: int = 2
 
-    #: A drive does not answer for so long after power-up.
     drive_boot_s: float = 0.5
+    """A drive does not answer for so long after power-up."""
 
     # --- points the drive manual leaves open
     fc43_index_order: Literal["big", "little"] = "big"
-    #: Accepted NODE byte: -1 takes the slave's own id or 1, any other value only itself.
     fc43_node: int = -1
+    """Accepted NODE byte: -1 takes the slave's own id or 1, any other value only itself."""
     fc43_write_flag: int = 0x01
     fc43_write_num: Literal["echo", "zero"] = "echo"
     fc43_abort_order: Literal["big", "little"] = "little"
     word_order: Literal["high", "low"] = "high"
-    #: Position shown at the home edge is this sign times 607Ch (CiA 402: zero = home + offset, hence -1).
     home_offset_sign: int = -1
-    #: What happens to a target outside 607Dh.
+    """Position shown at the home edge is this sign times 607Ch (CiA 402: zero = home + offset, hence -1)."""
     outside_limits: Literal["refuse", "clamp"] = "refuse"
+    """What happens to a target outside 607Dh."""
 
     def with_value(self, name: str, value: object) -> Knobs:
         """Return the knobs with one changed; text is converted to the knob's type.

@@ -1,4 +1,4 @@
-"""A lamp behind a relay contact: delay, bounce, rise and decay."""
+"""Lamp behind a relay contact: delay, bounce, rise and decay."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 from sim_hw.plant.knobs import Knobs
 
-#: 10..90 % rise time of a first-order lamp in time constants.
 _RISE_IN_TAU = math.log(9.0)
+"""10..90 % rise time of a first-order lamp in time constants."""
 _HISTORY_S = 30.0
 
 

@@ -1,4 +1,4 @@
-"""The truth: where the axes, the tip and the board really are and how bright the lamps are, at any time.
+"""Plant, the truth: where the axes, the tip and the board really are and how bright the lamps are, at any time.
 
 Nothing here sleeps or looks at a clock; time is an argument. What is NOT modelled: vibration after a stop, thermal
 drift, axes that are not square, jerk; what a pressed probe does to the things it touches: its force, friction and
@@ -30,19 +30,19 @@ class HeadState:
     x_um: float
     y_um: float
     z_um: float
-    #: Head angle, 0..360.
     theta_deg: float
-    #: The end of a straight needle in the robot frame, run-out included; the `bent` fault is added by the truth log.
+    """Head angle, 0..360."""
     tip_x_um: float
+    """The end of a straight needle in the robot frame, run-out included; the `bent` fault is added by the truth log."""
     tip_y_um: float
-    #: The end of the pin, were it free, above the nominal board plane: the head's height.
     tip_z_um: float
-    #: How far the pin is pushed in.
+    """The end of the pin, were it free, above the nominal board plane: the head's height."""
     pressed_um: float
-    #: The end of the pin above the real surface at that place: 0 when pressed, below 0 past the pin's travel.
+    """How far the pin is pushed in."""
     tip_height_um: float
-    #: Light levels 0..1.
+    """The end of the pin above the real surface at that place: 0 when pressed, below 0 past the pin's travel."""
     white: float
+    """Light levels 0..1."""
     red: float
     moving: bool
 
@@ -90,7 +90,7 @@ class Plant:
         self.changed()
 
     def backlash(self, axis: str) -> float:
-        """Return the play of an axis, um or degrees."""
+        """Return the backlash of an axis, um or degrees."""
         return float(getattr(self.knobs, f"{axis}_backlash_{_unit(axis)}"))
 
     def stop_sigma(self, axis: str) -> float:

@@ -1,4 +1,4 @@
-"""Where the board really lies: nominal mapping of CAD to the robot frame, and the error of the fixture."""
+"""Pose of the board: nominal mapping of CAD to the robot frame, and the error of the fixture."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import Literal
 
 from sim_hw.plant.knobs import Knobs
 
-#: CAD origin (lower left of the outline) in the robot frame, nominal.
 ORIGIN_UM = (60_000.0, 40_000.0)
-#: Z at which the tip touches the nominal board plane.
+"""CAD origin (lower left of the outline) in the robot frame, nominal."""
 TOUCH_Z_UM = 5_000.0
+"""Z at which the tip touches the nominal board plane."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Where the tip is under the head: a perfect circle plus the run-out of a real head (thesis, appendix D)."""
+"""Run-out of the head: where the tip is, a perfect circle plus what a real head adds (thesis, appendix D)."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-#: Distance of the tip from the head's axis and its angle at theta = 0: least-squares circle of appendix D.
 TIP_RADIUS_UM = 14938.26
+"""Distance of the tip from the head's axis and its angle at theta = 0: least-squares circle of appendix D."""
 TIP_PHASE_DEG = -3.054
 
 _DATA = Path(__file__).parent / "data" / "head_runout.csv"

@@ -1,1 +1,1 @@
-"""What the camera sees: board, card, needle, light."""
+"""Scene before the camera: board, card, probe, light, sensor."""

@@ -1,4 +1,4 @@
-"""What lies below the probe, as the camera sees it: the board and the control-point card, each its own plane."""
+"""Ground below the probe, as the camera sees it: the board and the control-point card, each its own plane."""
 
 import cv2
 import numpy as np
@@ -8,7 +8,7 @@ from sim_hw.board.board import ROBOT_ORIGIN_UM, Board
 from sim_hw.plant.card import CardPose
 from sim_hw.scene.card_print import CardPrint
 from sim_hw.scene.optics import HEIGHT_PX, WIDTH_PX, Matrix, Optics, Pose, Stand, board_plane
-from sim_hw.scene.texture import BENCH_RED, BENCH_WHITE, BoardTexture, Picture
+from sim_hw.scene.texture import BENCH_RED, BENCH_WHITE, BoardTexture, Image
 
 _FRAME = np.array([[0, 0], [WIDTH_PX, 0], [WIDTH_PX, HEIGHT_PX], [0, HEIGHT_PX]], dtype=np.float64)
 _BENCH = (*BENCH_WHITE, BENCH_RED)
@@ -25,11 +25,11 @@ class Ground:
         self._print = CardPrint(seed)
         self._print_to_mm = np.linalg.inv(self._print.from_mm())
         self._key: object = None
-        self._seen: Picture | None = None
+        self._seen: Image | None = None
 
     def draw_ahead(self) -> bool:
         """Draw a little of what will be looked at; return False once all of it is done."""
-        self._print.picture(covered=False)
+        self._print.image(covered=False)
         return self._texture.draw_one_more()
 
     def board_to_px(self, stand: Stand, pose: Pose) -> Matrix:
@@ -40,7 +40,7 @@ class Ground:
         """Return the map (3, 3) from card mm (u right, v up, from its centre) to pixels."""
         return self._optics.homography(card.plane(), stand)
 
-    def look(self, stand: Stand, pose: Pose, card: CardPose | None, *, covered: bool) -> Picture | None:
+    def look(self, stand: Stand, pose: Pose, card: CardPose | None, *, covered: bool) -> Image | None:
         """Return what is seen (1200, 1600, 4): BGR under the white lamp, red under the red one; None for bare bench.
 
         `card` is None where there is none. What is returned is kept for the next look, which is the same under the
@@ -54,7 +54,7 @@ class Ground:
             self._key = key
         return self._seen
 
-    def _board_seen(self, stand: Stand, pose: Pose) -> Picture | None:
+    def _board_seen(self, stand: Stand, pose: Pose) -> Image | None:
         to_px = self.board_to_px(stand, pose) @ self._texel_to_mm
         seen = cv2.perspectiveTransform(_FRAME[None], np.linalg.inv(to_px))[0]
         x0, y0 = np.maximum(np.floor(seen.min(axis=0)).astype(int) - 2, 0)
@@ -63,7 +63,7 @@ class Ground:
             return None
         self._texture.ensure(int(x0), int(y0), int(x1), int(y1))
         both = cv2.warpPerspective(
-            self._texture.picture[y0:y1, x0:x1],
+            self._texture.image[y0:y1, x0:x1],
             to_px @ _moved(x0, y0),
             (WIDTH_PX, HEIGHT_PX),
             flags=cv2.INTER_LINEAR,
@@ -71,7 +71,7 @@ class Ground:
         )
         return np.asarray(both, dtype=np.uint8)
 
-    def _with_card(self, seen: Picture | None, stand: Stand, card: CardPose, *, covered: bool) -> Picture | None:
+    def _with_card(self, seen: Image | None, stand: Stand, card: CardPose, *, covered: bool) -> Image | None:
         """Lay the card on what is seen of the board, or on the bench."""
         to_px = self.card_to_px(stand, card) @ self._print_to_mm
         last = self._print.size - 1.0
@@ -85,7 +85,7 @@ class Ground:
             seen = np.full((HEIGHT_PX, WIDTH_PX, 4), _BENCH, dtype=np.uint8)
         region = np.ascontiguousarray(seen[y0:y1, x0:x1])
         cv2.warpPerspective(
-            self._print.picture(covered=covered),
+            self._print.image(covered=covered),
             _moved(-x0, -y0) @ to_px,
             (int(x1 - x0), int(y1 - y0)),
             dst=region,

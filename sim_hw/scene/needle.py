@@ -1,8 +1,8 @@
-"""The probe as the camera sees it: a solid of revolution, upright in the world, riding on the head.
+"""Probe as the camera sees it: a solid of revolution, upright in the world, riding on the head.
 
-It stands still in the picture (camera and probe ride on the same head), so it is drawn once for each place of
+It stands still in the image (camera and probe ride on the same head), so it is drawn once for each place of
 its end and then laid over every frame. Blunt end, taper, black marking with ragged rims, shiny cylinder, barrel.
-A pressed pin is pushed into its barrel: all below the barrel moves up, in the picture by the projection of that way.
+A pressed pin is pushed into its barrel: all below the barrel moves up, in the image by the projection of that way.
 """
 
 from __future__ import annotations
@@ -19,21 +19,25 @@ from sim_hw.scene.optics import Optics
 Field = npt.NDArray[np.float64]
 
 END_RADIUS_UM = 25.0
-RIM2_PX = 127.0  # from the end up to the marking's lower rim, along the needle, as seen
+RIM2_PX = 127.0
+"""From the end up to the marking's lower rim, along the needle, as seen."""
 MARKING_PX = 45.0
 MARKING_WIDTH_PX = 40.0
 CYLINDER_WIDTH_PX = 42.0
 CYLINDER_PX = 285.0
 BARREL_WIDTH_PX = 75.0
-_TOP_UM = 24_000.0  # beyond the upper border of the picture
+_TOP_UM = 24_000.0
+"""Beyond the upper border of the image."""
 _STEP_UM = 5.0
 _RAGGED_UM = 14.0
-_BOWED_PX = 260.0  # a bent probe is straight from here upwards
-_RIM_REACH_UM = 100.0  # no rim of the marking wavers farther
+_BOWED_PX = 260.0
+"""A bent probe is straight from here upwards."""
+_RIM_REACH_UM = 100.0
+"""No rim of the marking wavers farther."""
 
 
 @dataclass(frozen=True)
-class NeedlePicture:
+class NeedleImage:
     """A cut-out: upper left corner in the frame, coverage 0..1 and both looks as grey levels, float32 (H, W)."""
 
     left: int
@@ -86,7 +90,7 @@ class Needle:
         return float(np.interp(s_px, self._axis_s, self.heights_um))
 
     def _shape(self) -> None:
-        """Choose lengths and radii so that the picture has the numbers at the top of this file."""
+        """Choose lengths and radii so that the image has the numbers at the top of this file."""
 
         def radius_um(width_px: float, height_um: float) -> float:
             return width_px / 2.0 / float(np.interp(height_um, self.heights_um, self._px_per_um))
@@ -143,8 +147,8 @@ class Needle:
 
     def draw(
         self, shift_px: tuple[float, float] = (0.0, 0.0), bent_px: float = 0.0, pressed_um: float = 0.0
-    ) -> NeedlePicture:
-        """Return the cut-out of a needle shifted in the picture; `bent_px` bows its end sideways."""
+    ) -> NeedleImage:
+        """Return the cut-out of a needle shifted in the image; `bent_px` bows its end sideways."""
         profile = self._profile(pressed_um) if pressed_um else self._free
         end = self.tip_px + shift_px
         reach = float(profile.half_px.max()) + 6.0 + abs(bent_px)
@@ -167,7 +171,7 @@ class Needle:
         near = np.abs(v) < np.interp(s, self._axis_s, profile.outline_px) + 0.5
         seen[seen] = near
         fields = self._shade(profile, s[near], v[near])
-        return NeedlePicture(left, 0, *(_spread(seen, field) for field in fields))
+        return NeedleImage(left, 0, *(_spread(seen, field) for field in fields))
 
     def _surface(self, profile: _Profile, s: Field, v: Field) -> tuple[Field, Field, Field]:
         """Return the height of the surface point seen (um), its place across -1..1 and the coverage 0..1."""
@@ -233,7 +237,7 @@ class Needle:
 
 
 def _spread(where: npt.NDArray[np.bool_], values: Field) -> npt.NDArray[np.float32]:
-    """Return a picture (H, W) that holds the values where they belong and 0 elsewhere."""
-    picture = np.zeros(where.shape, dtype=np.float32)
-    picture[where] = values
-    return picture
+    """Return an image (H, W) that holds the values where they belong and 0 elsewhere."""
+    image = np.zeros(where.shape, dtype=np.float32)
+    image[where] = values
+    return image

@@ -1,4 +1,4 @@
-"""Where a bent needle really ends: the fault is given in pixels of the picture, the truth needs micrometres."""
+"""End of a bent probe: the fault is given in pixels of the image, the truth needs micrometres."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The soft shadow the probe throws on the board."""
+"""Soft shadow that the probe throws on the board."""
 
 import math
 from collections.abc import Sequence
@@ -10,7 +10,8 @@ import numpy.typing as npt
 from sim_hw.scene.needle import Needle
 from sim_hw.scene.optics import Optics
 
-_COARSE = 4  # px of the frame per px of the shadow's own picture: it is soft anyway
+_COARSE = 4
+"""Px of the frame per px of the shadow's own image: it is soft anyway."""
 _LENGTH_UM = 9_000.0
 _STEPS = 40
 

@@ -1,4 +1,4 @@
-"""The pinhole camera that rides on the head, and where things of the robot frame fall in its picture.
+"""Pinhole camera that rides on the head, and where things of the robot frame fall in its image.
 
 Head frame: origin at the end of the probe, axes parallel to the robot's while theta is 0, um, z up.
 Camera frame: x right, y down, z along the optical axis. Pixel centres at integers.
@@ -17,9 +17,11 @@ WIDTH_PX = 1600
 HEIGHT_PX = 1200
 FOCAL_PX = 5000.0
 TILT_DEG = 30.0
-PITCH_UM = 12.0  # one pixel at the tip, across the view
+PITCH_UM = 12.0
+"""One pixel at the tip, across the view."""
 TIP_PX = (428.0, 620.0)
-NEEDLE_DIRECTION = (119.0 / 260.74, 232.0 / 260.74)  # in the image, downwards along the needle to its end
+NEEDLE_DIRECTION = (119.0 / 260.74, 232.0 / 260.74)
+"""In the image, downwards along the needle to its end."""
 
 
 class Pose(Protocol):
@@ -40,7 +42,7 @@ class Pose(Protocol):
 
 
 class Head(Protocol):
-    """What a picture depends on: the tip, the head's angle, how high both are, the lights."""
+    """What an image depends on: the tip, the head's angle, how high both are, the lights."""
 
     @property
     def theta_deg(self) -> float: ...  # noqa: D102
@@ -64,7 +66,7 @@ class Head(Protocol):
 
 @dataclass(frozen=True)
 class Stand:
-    """Where camera and probe stand: the free probe's end in the robot frame (um), head angle, shift of the picture."""
+    """Where camera and probe stand: the free probe's end in the robot frame (um), head angle, shift of the image."""
 
     tip_um: tuple[float, float, float]
     theta_deg: float

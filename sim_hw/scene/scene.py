@@ -1,4 +1,4 @@
-"""The scene before the lens: what lies on the bench, the probe in front of it, shadow and glint.
+"""Scene before the lens: what lies on the bench, the probe in front of it, shadow and glint.
 
 What is NOT modelled: the thickness of components and of the card, reflections of the probe in the solder mask, lens
 distortion.
@@ -15,24 +15,25 @@ import numpy.typing as npt
 from sim_hw.board.board import ROBOT_ORIGIN_UM, Board
 from sim_hw.plant.card import CardPose
 from sim_hw.scene.ground import Ground
-from sim_hw.scene.needle import Needle, NeedlePicture
+from sim_hw.scene.needle import Needle, NeedleImage
 from sim_hw.scene.needle_shadow import shadow
 from sim_hw.scene.optics import HEIGHT_PX, WIDTH_PX, Head, Pose, Stand, make_optics
 from sim_hw.scene.sensor import AMBIENT, NOMINAL_EXPOSURE_S, Exposed, Sensor, SensorSettings
-from sim_hw.scene.texture import BENCH_RED, BENCH_WHITE, Picture
+from sim_hw.scene.texture import BENCH_RED, BENCH_WHITE, Image
 
 _LIGHT_SAMPLES = 9
 _MOVING_VIEWS = 4
-_FAINT_GREY = 1.2  # light that would not lift a white thing by this much is left out
+_FAINT_GREY = 1.2
+"""Light that would not lift a white thing by this much is left out."""
 _FLEX_LIMIT_PX = 2.0
 _GAP_STEP_UM = 25.0
-# Where the shadows fall (degrees from the camera's viewing direction) and how long they are.
 _WHITE_LAMP = (38.0, 0.75)
+"""Where the shadows fall (degrees from the camera's viewing direction) and how long they are."""
 _RED_LAMP = (-46.0, 0.70)
 
 
 class ScenePlant(Protocol):
-    """What the picture needs of the plant."""
+    """What the image needs of the plant."""
 
     @property
     def board_pose(self) -> Pose: ...  # noqa: D102  # the names say it
@@ -85,10 +86,10 @@ class Scene:
         self._sensor = Sensor(seed)
         self._ready = False
         self._needle_key: tuple[float, float, float, float] | None = None
-        self._needle_picture: NeedlePicture | None = None
+        self._needle_image: NeedleImage | None = None
         self._shadows: dict[tuple[str, int, int], npt.NDArray[np.float32]] = {}
 
-    def render(self, shot: Shot) -> Picture:
+    def render(self, shot: Shot) -> Image:
         """Return the frame (1200, 1600, 3) BGR uint8 of an exposure; the same shot gives the same frame."""
         rng = np.random.default_rng((self._seed, shot.sequence, 7))
         return self._sensor.read(self._expose(shot, rng), self._settings(shot), rng)
@@ -112,7 +113,7 @@ class Scene:
         return self._ground.draw_ahead()
 
     def tip_px(self, state: Head) -> tuple[float, float]:
-        """Return where the end of the probe is in the picture, spring, bend and flex of the mount included."""
+        """Return where the end of the probe is in the image, spring, bend and flex of the mount included."""
         straight = self.needle.end_px(state.pressed_um) + self._flex_px(state)
         x_px, y_px = straight + self._bent_px() * self.needle.bend_direction
         return (float(x_px), float(y_px))
@@ -121,14 +122,14 @@ class Scene:
         return float(self._faults.get("bent")["px"]) if self._faults.on("bent") else 0.0
 
     def board_px(self, state: Head, x_mm: float, y_mm: float) -> tuple[float, float]:
-        """Return where a CAD point (mm) of the board as it really lies is in the picture."""
+        """Return where a CAD point (mm) of the board as it really lies is in the image."""
         u_um, v_um = self._board.nominal_um(x_mm, y_mm)
         place = np.array([(u_um - ROBOT_ORIGIN_UM[0]) / 1e3, (v_um - ROBOT_ORIGIN_UM[1]) / 1e3, 1.0])
         x, y, w = self._ground.board_to_px(self._stand(state), self._plant.board_pose) @ place
         return (float(x / w), float(y / w))
 
     def card_px(self, state: Head) -> tuple[float, float]:
-        """Return where the control point of the card as it really lies is in the picture, be it hidden or not."""
+        """Return where the control point of the card as it really lies is in the image, be it hidden or not."""
         x, y, w = self._ground.card_to_px(self._stand(state), self._plant.card_pose)[:, 2]
         return (float(x / w), float(y / w))
 
@@ -159,43 +160,43 @@ class Scene:
         white = red = None
         if (white_level + AMBIENT) * strength > _FAINT_GREY:
             weights = [state.white + AMBIENT for state in views]
-            white = self._picture("white", views, weights)
+            white = self._image("white", views, weights)
         if red_level * strength > _FAINT_GREY:
-            red = self._picture("red", views, [state.red for state in views])
-        self._add_glint([picture for picture in (white, red) if picture is not None], views[-1], rng)
+            red = self._image("red", views, [state.red for state in views])
+        self._add_glint([image for image in (white, red) if image is not None], views[-1], rng)
         return Exposed(white, white_level, red, red_level)
 
-    def _picture(self, light: str, views: list[Head], weights: list[float]) -> Picture:
+    def _image(self, light: str, views: list[Head], weights: list[float]) -> Image:
         if len(views) == 1:
-            picture = self._ground_picture(light, views[0])
+            image = self._ground_image(light, views[0])
         else:
             total = sum(weights) or 1.0
             shape = (HEIGHT_PX, WIDTH_PX, 3) if light == "white" else (HEIGHT_PX, WIDTH_PX)
             mean = np.zeros(shape, dtype=np.float32)
             for state, weight in zip(views, weights, strict=True):
-                cv2.scaleAdd(self._ground_picture(light, state).astype(np.float32), weight / total, mean, dst=mean)
-            picture = np.round(mean).astype(np.uint8)
-        self._lay_needle(light, picture)
-        return picture
+                cv2.scaleAdd(self._ground_image(light, state).astype(np.float32), weight / total, mean, dst=mean)
+            image = np.round(mean).astype(np.uint8)
+        self._lay_needle(light, image)
+        return image
 
-    def _ground_picture(self, light: str, state: Head) -> Picture:
+    def _ground_image(self, light: str, state: Head) -> Image:
         card = None if self._faults.on("card_gone") else self._plant.card_pose
         covered = self._faults.on("card_covered")
         both = self._ground.look(self._stand(state), self._plant.board_pose, card, covered=covered)
         if both is None:
             return self._bench(light)
-        picture = cv2.cvtColor(both, cv2.COLOR_BGRA2BGR) if light == "white" else cv2.extractChannel(both, 3)
-        return self._shadowed(light, np.asarray(picture, dtype=np.uint8), state)
+        image = cv2.cvtColor(both, cv2.COLOR_BGRA2BGR) if light == "white" else cv2.extractChannel(both, 3)
+        return self._shadowed(light, np.asarray(image, dtype=np.uint8), state)
 
     @staticmethod
-    def _bench(light: str) -> Picture:
+    def _bench(light: str) -> Image:
         if light == "white":
             return np.full((HEIGHT_PX, WIDTH_PX, 3), BENCH_WHITE, dtype=np.uint8)
         return np.full((HEIGHT_PX, WIDTH_PX), BENCH_RED, dtype=np.uint8)
 
-    def _shadowed(self, light: str, picture: Picture, state: Head) -> Picture:
+    def _shadowed(self, light: str, image: Image, state: Head) -> Image:
         if self._faults.on("missing"):
-            return picture
+            return image
         step = round(min(max(state.tip_height_um, 0.0), 8_000.0) / _GAP_STEP_UM)
         pressed = round(state.pressed_um / _GAP_STEP_UM)
         key = (light, step, pressed)
@@ -208,39 +209,39 @@ class Scene:
                 self.optics, self.needle, step * _GAP_STEP_UM, *lamp, size, pressed * _GAP_STEP_UM
             )
         left = self._shadows[key]
-        region = picture[: left.shape[0], : left.shape[1]]
-        weights = left if picture.ndim == 2 else cv2.merge([left, left, left])
+        region = image[: left.shape[0], : left.shape[1]]
+        weights = left if image.ndim == 2 else cv2.merge([left, left, left])
         region[...] = cv2.multiply(region, weights, dtype=cv2.CV_8U)
-        return picture
+        return image
 
     def _prepare_needle(self, state: Head) -> None:
         if self._faults.on("missing"):
-            self._needle_key = self._needle_picture = None
+            self._needle_key = self._needle_image = None
             return
         key = (*self._flex_px(state), self._bent_px(), float(round(state.pressed_um)))
         if key != self._needle_key:
-            self._needle_picture = self.needle.draw(key[:2], *key[2:])
+            self._needle_image = self.needle.draw(key[:2], *key[2:])
             self._needle_key = key
 
-    def _lay_needle(self, light: str, picture: Picture) -> None:
-        needle = self._needle_picture
+    def _lay_needle(self, light: str, image: Image) -> None:
+        needle = self._needle_image
         if needle is None:
             return
         height, width = needle.alpha.shape
-        region = picture[needle.top : needle.top + height, needle.left : needle.left + width]
+        region = image[needle.top : needle.top + height, needle.left : needle.left + width]
         look = needle.white if light == "white" else needle.red
         fit = np.s_[: region.shape[0], : region.shape[1]]
-        planes = 1 if picture.ndim == 2 else 3
+        planes = 1 if image.ndim == 2 else 3
         alpha = np.asarray(cv2.merge([needle.alpha[fit]] * planes)).reshape(region.shape)
         shade = np.asarray(cv2.merge([look[fit]] * planes)).reshape(region.shape)
         region[...] = np.clip(region + (shade - region) * alpha, 0.0, 255.0)
 
-    def _add_glint(self, pictures: list[Picture], state: Head, rng: np.random.Generator) -> None:
+    def _add_glint(self, images: list[Image], state: Head, rng: np.random.Generator) -> None:
         """Put a small highlight on the probe's cylinder or somewhere on the board, in some frames."""
         chance, place, spot_x, spot_y, size = rng.random(5)
-        if chance >= self._plant.knobs.camera_glint or not pictures:
+        if chance >= self._plant.knobs.camera_glint or not images:
             return
-        if place < 0.6 and self._needle_picture is not None:
+        if place < 0.6 and self._needle_image is not None:
             tip = np.array(self.tip_px(state))
             centre = tip + self.needle.up * (190.0 + 220.0 * spot_x) + self.needle.across * (24.0 * spot_y - 12.0)
         else:
@@ -254,7 +255,7 @@ class Scene:
             return
         away = (rows[:, None] - centre[1]) ** 2 + (columns[None, :] - centre[0]) ** 2
         bright = 90.0 * np.exp(-away / (2.0 * sigma_px**2))
-        for picture in pictures:
-            region = picture[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-            added = bright if picture.ndim == 2 else bright[..., None]
+        for image in images:
+            region = image[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+            added = bright if image.ndim == 2 else bright[..., None]
             region[...] = np.clip(region + added, 0.0, 255.0)

@@ -1,4 +1,4 @@
-"""What lens and sensor do to light: blur, fall-off, exposure, white balance, noise, clipping."""
+"""Lens and sensor: blur, fall-off, exposure, white balance, noise, clipping."""
 
 from dataclasses import dataclass
 
@@ -8,17 +8,18 @@ import numpy.typing as npt
 
 from sim_hw.scene.optics import HEIGHT_PX, WIDTH_PX
 
-Picture = npt.NDArray[np.uint8]
+Image = npt.NDArray[np.uint8]
 Channels = tuple[float, float, float]
 
 NOMINAL_EXPOSURE_S = 0.020
 BLACK_LEVEL = 3.0
-#: How much of the red lamp's light the blue, green and red pixels see.
 RED_SEEN = (0.03, 0.05, 1.0)
-#: The room: a little white light even when both lamps are off, as a share of the white lamp.
+"""How much of the red lamp's light the blue, green and red pixels see."""
 AMBIENT = 0.004
+"""The room: a little white light even when both lamps are off, as a share of the white lamp."""
 _LAMP_CENTRE_PX = (760.0, 585.0)
-_SPARE_PX = 192  # how much larger than a frame the noise is: it is cut out at random offsets
+_SPARE_PX = 192
+"""How much larger than a frame the noise is: it is cut out at random offsets."""
 
 
 @dataclass(frozen=True)
@@ -29,9 +30,9 @@ class Exposed:
     next to nothing. The levels are the lamps' mean levels 0..1 over the exposure.
     """
 
-    white: Picture | None
+    white: Image | None
     white_level: float
-    red: Picture | None
+    red: Image | None
     red_level: float
 
 
@@ -56,25 +57,25 @@ class Sensor:
 
     def __init__(self, seed: int) -> None:
         self._seed = seed
-        empty: Picture = np.zeros((0, 0, 3), dtype=np.uint8)
+        empty: Image = np.zeros((0, 0, 3), dtype=np.uint8)
         self._noise_up, self._noise_down = empty, empty
         self._noise_grey = -1.0
         self._fall = {"white": empty, "red": empty}
         self._fall_key: tuple[float, Channels] | None = None
 
-    def read(self, light: Exposed, settings: SensorSettings, rng: np.random.Generator) -> Picture:
+    def read(self, light: Exposed, settings: SensorSettings, rng: np.random.Generator) -> Image:
         """Return the frame (H, W, 3) BGR uint8."""
         self.prepare(settings)
         strength = settings.exposure_s / NOMINAL_EXPOSURE_S * settings.gain * max(settings.balance) / 255.0
-        frame: Picture = np.zeros((HEIGHT_PX, WIDTH_PX, 3), dtype=np.uint8)
+        frame: Image = np.zeros((HEIGHT_PX, WIDTH_PX, 3), dtype=np.uint8)
         if light.white is not None:
-            picture = blurred(light.white, settings.blur_px)
+            image = blurred(light.white, settings.blur_px)
             level = light.white_level + AMBIENT
-            cv2.multiply(picture, self._fall["white"], dst=frame, scale=level * strength)
+            cv2.multiply(image, self._fall["white"], dst=frame, scale=level * strength)
         if light.red is not None:
             plane = blurred(light.red, settings.blur_px)
-            picture = np.asarray(cv2.merge([plane, plane, plane]), dtype=np.uint8)
-            lit = cv2.multiply(picture, self._fall["red"], scale=light.red_level * strength)
+            image = np.asarray(cv2.merge([plane, plane, plane]), dtype=np.uint8)
+            lit = cv2.multiply(image, self._fall["red"], scale=light.red_level * strength)
             cv2.add(frame, lit, dst=frame)
         y, x = (int(value) for value in rng.integers(0, _SPARE_PX, 2))
         cut = np.s_[y : y + HEIGHT_PX, x : x + WIDTH_PX]
@@ -102,10 +103,10 @@ class Sensor:
             self._fall_key = key
 
 
-def blurred(picture: Picture, sigma_px: float) -> Picture:
-    """Return the picture behind a lens that spreads a point over `sigma_px`."""
+def blurred(image: Image, sigma_px: float) -> Image:
+    """Return the image behind a lens that spreads a point over `sigma_px`."""
     if sigma_px < 0.2:
-        return picture
+        return image
     reach = max(1, round(2.2 * sigma_px))
     size = 2 * reach + 1
-    return np.asarray(cv2.GaussianBlur(picture, (size, size), sigma_px), dtype=np.uint8)
+    return np.asarray(cv2.GaussianBlur(image, (size, size), sigma_px), dtype=np.uint8)

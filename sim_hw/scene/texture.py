@@ -1,4 +1,4 @@
-"""The look of a board from above, drawn from its CAD layers, one picture for each light.
+"""Texture of a board from above, drawn from its CAD layers, one image for each light.
 
 Drawn in tiles when first looked at: a class per point (copper? open mask? silk? hole? board?) at twice the
 resolution, a reflectance per class, averaged down so that rims are smooth; then relief, tarnish and weave.
@@ -14,13 +14,15 @@ import numpy.typing as npt
 from sim_hw.board.board import Board
 from sim_hw.board.shapes import Shape
 
-Picture = npt.NDArray[np.uint8]
+Image = npt.NDArray[np.uint8]
 
 TEXEL_UM = 6.0
 MARGIN_MM = 1.0
 TILE = 1024
-_FINE = 2  # class points per texel and direction
-_SHIFT = 4  # fractional bits of polygon corners
+_FINE = 2
+"""Class points per texel and direction."""
+_SHIFT = 4
+"""Fractional bits of polygon corners."""
 _COPPER, _OPEN, _SILK, _HOLE, _BOARD = 1, 2, 4, 8, 16
 BENCH_WHITE = (20, 21, 22)
 BENCH_RED = 12
@@ -72,7 +74,7 @@ def periodic_noise(rng: np.random.Generator, scale_texels: float) -> npt.NDArray
 
 
 class BoardTexture:
-    """Hold the pictures of a board side, uint8: `picture` (H, W, 4) is `white` (BGR) and `red` in one.
+    """Hold the images of a board side, uint8: `image` (H, W, 4) is `white` (BGR) and `red` in one.
 
     One array of four channels is warped faster than one of three.
     """
@@ -83,7 +85,7 @@ class BoardTexture:
         self.width = int((width_mm + 2 * MARGIN_MM) * per_mm)
         self.height = int((height_mm + 2 * MARGIN_MM) * per_mm)
         # Untouched pages of zeros cost no memory: only the tiles looked at do.
-        self.picture: Picture = np.zeros((self.height, self.width, 4), dtype=np.uint8)
+        self.image: Image = np.zeros((self.height, self.width, 4), dtype=np.uint8)
         self._done: set[tuple[int, int]] = set()
         self._layers = tuple(
             (bit, [self._placed(shape, board) for shape in shapes])
@@ -104,14 +106,14 @@ class BoardTexture:
         self._pad_look = np.clip(128 + 5 * slow + 7 * medium + 5 * fine + specks, 80, 180).astype(np.uint8)
 
     @property
-    def white(self) -> Picture:
+    def white(self) -> Image:
         """The look under the white lamp, (H, W, 3) BGR."""
-        return self.picture[..., :3]
+        return self.image[..., :3]
 
     @property
-    def red(self) -> Picture:
+    def red(self) -> Image:
         """The look under the red lamp, (H, W)."""
-        return self.picture[..., 3]
+        return self.image[..., 3]
 
     @staticmethod
     def from_mm(board: Board) -> npt.NDArray[np.float64]:
@@ -166,10 +168,10 @@ class BoardTexture:
             shaded = cv2.add(plane, relief, dtype=cv2.CV_8U)
             shaded = cv2.multiply(shaded, variation, scale=1.0 / 128.0)
             shaded = cv2.GaussianBlur(shaded, (3, 3), 0.7)[:height, :width]
-            self.picture[view][..., k] = shaded
+            self.image[view][..., k] = shaded
 
     @staticmethod
-    def _relief(classes: Picture) -> npt.NDArray[np.int16]:
+    def _relief(classes: Image) -> npt.NDArray[np.int16]:
         """Return the light and shade (TILE, TILE) at the edges of copper that the mask covers."""
         covered = cv2.LUT(classes, _COVERED_COPPER)
         small = cv2.GaussianBlur(cv2.resize(covered, (TILE, TILE), interpolation=cv2.INTER_AREA), (7, 7), 1.6)
@@ -178,7 +180,7 @@ class BoardTexture:
         relief[2:, 2:] = (slope[2:, 2:] - slope[:-2, :-2]) >> 4
         return relief
 
-    def _classes(self, left: int, top: int) -> Picture:
+    def _classes(self, left: int, top: int) -> Image:
         size = TILE * _FINE
         classes = np.zeros((size, size), dtype=np.uint8)
         for (bit, shapes), boxes in zip(self._layers, self._boxes, strict=True):

@@ -332,6 +332,6 @@ def test_what_is_shown_says_every_bound_and_the_lines_are_on_disk_at_once(tmp_pa
 def test_a_campaign_that_is_told_to_stop_starts_nothing(tmp_path: Path) -> None:
     stop, listener = threading.Event(), Listener()
     stop.set()
-    campaign._station(plan(tmp_path, trials=1, stations=1), campaign.Batch(5, 1), listener, threading.Lock(), stop)
+    campaign.run_station(plan(tmp_path, trials=1, stations=1), campaign.Batch(5, 1), listener, threading.Lock(), stop)
     assert listener.told == []
     assert list(tmp_path.iterdir()) == []

@@ -81,7 +81,7 @@ def test_silence_on_a_bare_board_is_quiet_and_an_answer_there_is_wrong() -> None
     records = drawn("bare board")
     assert {record.outcome for record in records} <= {"quiet", "wrong"}
     scene = draw(artists("first")[0], Name("pads", "first", "bare board", 3))
-    wrong = campaign._record(Name("pads", "first", "bare board", 3), scene, OURS, (430.0, 620.0), "x", 1.0)
+    wrong = campaign.record_of(Name("pads", "first", "bare board", 3), scene, OURS, (430.0, 620.0), "x", 1.0)
     assert wrong.outcome == "wrong"
 
 
@@ -89,7 +89,7 @@ def test_a_pick_more_than_3_px_off_is_wrong_and_no_answer_is_missed() -> None:
     name = Name("pads", "first", "site without hole", 3)
     scene = draw(artists("first")[0], name)
     x, y = scene.truth_px
-    outcomes = [campaign._record(name, scene, OURS, at, "", 1.0).outcome for at in ((x + 2.9, y), (x + 3.1, y), None)]
+    outcomes = [campaign.record_of(name, scene, OURS, at, "", 1.0).outcome for at in ((x + 2.9, y), (x + 3.1, y), None)]
     assert outcomes == ["found", "wrong", "missed"]
 
 

@@ -214,7 +214,7 @@ def test_a_station_with_keys_from_first_to_last(rig: Rig) -> None:
         assert made.returncode == 0, made.stderr
     with _with_settings(rig, "[api]\n", '[api]\ncurve = true\nkeys_dir = "keys"\n'):
         (folder / "server.key").chmod(0o644)
-        rig.start_daemon(lambda process, _control: process._popen.wait(60) and None)
+        rig.start_daemon(lambda process, _control: process.wait() and None)
         assert "open to others" in rig.daemon.last_words()
         assert "chmod 0600" in rig.daemon.last_words()
         (folder / "server.key").chmod(0o600)

@@ -1,4 +1,4 @@
-"""The control point's page: the arms that were measured, and where they meet."""
+"""Panel of the control point: the arms that were measured, and where they meet."""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ import numpy as np
 
 from vision.annotate.page import PagePanel, fitting_zoom
 from vision.annotate.sheet import ANSWER, FRAME, INK, USED, Sheet, brightened, crop
-from vision.control_point.find import ControlPoint
-from vision.core.image import Bgr, check_bgr
-from vision.core.not_found import NotFound
+from vision.control_point import ControlPoint
+from vision.core import Bgr, NotFound, check_bgr
 
 MARGIN_PX = 6
 LEGEND = ((ANSWER, "centre"), (USED, "arms"), (FRAME, "where the centre may lie"))
@@ -17,7 +16,7 @@ LEGEND = ((ANSWER, "centre"), (USED, "arms"), (FRAME, "where the centre may lie"
 def cross_panel(
     white_bgr: Bgr, found: ControlPoint | NotFound, around_px: tuple[float, float], reach_px: float, arm_px: float
 ) -> PagePanel:
-    """Return the panel of a white frame that was searched for a control point."""
+    """Return the panel of a white image that was searched for a control point."""
     half = int(reach_px + arm_px) + MARGIN_PX
     area = round(around_px[0]) - half, round(around_px[1]) - half, 2 * half + 1, 2 * half + 1
     part, how = brightened(crop(check_bgr(white_bgr), area))

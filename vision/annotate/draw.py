@@ -1,4 +1,4 @@
-"""Draw what was seen, for a process engineer: on a copy, magnified, with the verdict in words and a key of the colours.
+"""Pages for a process engineer: what was seen, on a magnified copy, with the verdict in words and a key of the colours.
 
 Each function returns a page: (H, W, 3) uint8 BGR.
 """
@@ -12,18 +12,16 @@ from vision.annotate.pads import pads_panel, unsearched_panel, verdict_on_pads
 from vision.annotate.page import PagePanel, page
 from vision.annotate.sheet import crop
 from vision.annotate.tip import click_panel, tip_panel, verdict_on_tip
-from vision.control_point.find import ControlPoint
-from vision.core.image import Bgr
-from vision.core.not_found import NotFound
-from vision.pads.find import Seen
-from vision.tip.find import Tip
-from vision.tip.probe_model import ProbeModel
+from vision.control_point import ControlPoint
+from vision.core import Bgr, NotFound
+from vision.pads import Seen
+from vision.tip import ProbeModel, Tip
 
 __all__ = ["Searched", "crop", "draw_control_point", "draw_look", "draw_test_points", "draw_tip", "draw_untaught"]
 
 
 class Searched(NamedTuple):
-    """Hold what was seen in a red frame, and the point (x, y) px it was looked for round."""
+    """Hold what was seen in a red image, and the point (x, y) px it was looked for round."""
 
     seen: Seen
     around_px: tuple[float, float]
@@ -39,14 +37,14 @@ def draw_tip(
 ) -> Bgr:
     """Return a page on how the tip was found (or why not): edges, bisector, rims, end, and the numbers.
 
-    When there is no tip, the needle is drawn as it was `taught`, or else the place `near_px` is shown (default: the
-    frame's middle). zoom: default, as large as fits.
+    When there is no tip, the probe is drawn as it was `taught`, or else the place `near_px` is shown (default: the
+    image's middle). zoom: default, as large as fits.
     """
     return page(verdict_on_tip(tip), [tip_panel(white_bgr, tip, near_px, zoom, taught)], good=bool(tip))
 
 
 def draw_untaught(white_bgr: Bgr, click_px: tuple[float, float], problem: str) -> Bgr:
-    """Return a page on a needle that could not be taught: where its end was said to be, and the problem in words."""
+    """Return a page on a probe that could not be taught: where its end was said to be, and the problem in words."""
     return page(f"Not taught: {problem}", [click_panel(white_bgr, click_px)], good=False)
 
 
@@ -64,9 +62,9 @@ def draw_test_points(
 def draw_look(
     white_bgr: Bgr, tip: Tip | NotFound, red_bgr: Bgr, searched: Searched | None, taught: ProbeModel | None = None
 ) -> Bgr:
-    """Return a page with both frames of a look side by side.
+    """Return a page with both images of a look side by side.
 
-    searched: None when the red frame was not searched, for want of a tip. taught: the needle that was looked for.
+    searched: None when the red image was not searched, for want of a tip. taught: the probe that was looked for.
     """
     panels: list[PagePanel] = [tip_panel(white_bgr, tip, taught=taught)]
     if searched is None:

@@ -1,4 +1,4 @@
-"""Find room for labels: beside what they name, off what is drawn, never on each other while there is another place."""
+"""Label placement: beside what they name, off what is drawn, never on each other while there is another place."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 Box = tuple[int, int, int, int]
 Floats = NDArray[np.float64]
-# Distances tried, sheet pixels, and directions tried at each.
 DISTANCES = (4.0, 10.0, 20.0, 34.0, 52.0, 76.0, 104.0, 140.0, 190.0)
+"""Distances tried, sheet pixels, and directions tried at each."""
 DIRECTIONS = 24
-# What it costs to lie on drawn lines (all of the label), on another label (at all), or with its line across one.
 COST_OF_BUSY, COST_OF_OVERLAP, COST_OF_CROSSING = 300.0, 2000.0, 400.0
+"""What it costs to lie on drawn lines (all of the label), on another label (at all), or with its line across one."""
 GAP = 3
 
 

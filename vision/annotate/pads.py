@@ -1,4 +1,4 @@
-"""The red picture's half of a sheet: what was taken, thrown and left undecided, each with the rule that decided."""
+"""Panel of the red image: what was taken, thrown and left undecided, each with the rule that decided."""
 
 from __future__ import annotations
 
@@ -9,18 +9,14 @@ import numpy as np
 
 from vision.annotate.page import PagePanel, fitting_zoom
 from vision.annotate.sheet import ANSWER, FRAME, INK, THROWN, UNDECIDED, USED, Colour, Sheet, brightened, crop
-from vision.core.circle_fit import CircleFit
-from vision.core.image import Bgr, check_bgr, red_signal
-from vision.core.not_found import NotFound
-from vision.pads.find import NEEDLE_MARGIN_PX, Seen, TestPoint
-from vision.pads.rules import Decided
-from vision.tip.find import Tip
-from vision.tip.probe_model import needle_outline
+from vision.core import Bgr, CircleFit, NotFound, check_bgr, red_signal
+from vision.pads import PROBE_MARGIN_PX, Decided, Seen, TestPoint
+from vision.tip import Tip, probe_outline
 
-# Room round the window, and what is shown when there was nothing to look round.
 MARGIN_PX, UNSEARCHED_PX = 6, 119
-# So many objects get a label; the others only their mark, and a count below.
+"""Room round the window, and what is shown when there was nothing to look round."""
 MOST_LABELS = 16
+"""So many objects get a label; the others only their mark, and a count below."""
 LEGEND = (
     (ANSWER, "nearest test point"),
     (USED, "other test points"),
@@ -33,21 +29,21 @@ LEGEND = (
 def pads_panel(
     red_bgr: Bgr, seen: Seen, around_px: tuple[float, float], needle: Tip | None, zoom: float | None
 ) -> PagePanel:
-    """Return the panel of a red frame that was searched round `around_px`, with the needle known or not."""
+    """Return the panel of a red image that was searched round `around_px`, with the probe known or not."""
     x, y, width, height = seen.window_px
     sheet, title = _sheet(red_bgr, (x - MARGIN_PX, y - MARGIN_PX, width + 2 * MARGIN_PX, height + 2 * MARGIN_PX), zoom)
     corners = np.array([(x, y), (x + width - 1, y), (x + width - 1, y + height - 1), (x, y + height - 1)])
     sheet.outline(corners.astype(np.float64), FRAME)
     if needle is not None:
         end = needle.x_px, needle.y_px
-        sheet.outline(needle_outline(end, needle.angle_rad, needle.shape, NEEDLE_MARGIN_PX), FRAME)
+        sheet.outline(probe_outline(end, needle.angle_rad, needle.shape, PROBE_MARGIN_PX), FRAME)
     _draw_all(sheet, seen, around_px, "tip" if needle is not None else "looked round here")
     sheet.scale_bar()
     return PagePanel(title, sheet.finish(), _facts(seen, around_px), LEGEND)
 
 
 def unsearched_panel(red_bgr: Bgr, near_px: tuple[float, float] | None, zoom: float | None) -> PagePanel:
-    """Return the panel of a red frame that was not searched, since it is not known where to look."""
+    """Return the panel of a red image that was not searched, since it is not known where to look."""
     image = check_bgr(red_bgr)
     at = near_px or (image.shape[1] / 2.0, image.shape[0] / 2.0)
     half = UNSEARCHED_PX // 2

@@ -1,4 +1,4 @@
-"""Put panels side by side on one page: the verdict in words on top, numbers below each, the colours at the foot."""
+"""Page layout: panels side by side, the verdict in words on top, numbers below each, the colours at the foot."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ import cv2
 import numpy as np
 
 from vision.annotate.sheet import FONT, INK, TEXT_SCALE, Colour, text_size, write
-from vision.core.image import Bgr
+from vision.core import Bgr
 
-# A panel is magnified as far as it stays about this high, or wide.
 PANEL_ROOM = 700
+"""A panel is magnified as far as it stays about this high, or wide."""
 SMALLEST_PAGE, MARGIN, LINE = 560, 12, 20
 TITLE_FONT, TITLE_SCALE, TITLE_LINE = cv2.FONT_HERSHEY_DUPLEX, 0.58, 24
 PAPER: Colour = (34, 32, 30)
 PALE: Colour = (205, 205, 205)
-# The verdict's ground: something was found, or not.
 GOOD: Colour = (52, 92, 40)
+"""The verdict's ground: something was found, or not."""
 BAD: Colour = (48, 44, 132)
 
 
 @dataclass(frozen=True, slots=True)
 class PagePanel:
-    """Hold one finished picture with its title, its numbers, and what its colours mean."""
+    """Hold one finished image with its title, its numbers, and what its colours mean."""
 
     title: str
     pixels: Bgr

@@ -1,4 +1,4 @@
-"""A magnified piece of a frame that takes drawing in the frame's own pixels, and remembers where something is drawn.
+"""Drawing surface: a magnified piece of an image, drawn on in image pixels, that remembers what is taken up.
 
 Green is what was used, yellow the answer, orange what was refused, magenta what could not be decided, blue where was
 looked.
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision.annotate.labels import Label, Spot, arrange
-from vision.core.image import Bgr, Gray, check_bgr
+from vision.core import Bgr, Gray, check_bgr
 
 Colour = tuple[int, int, int]
 USED: Colour = (80, 220, 80)
@@ -21,21 +21,21 @@ UNDECIDED: Colour = (255, 80, 255)
 FRAME: Colour = (230, 170, 90)
 INK: Colour = (255, 255, 255)
 SHADOW: Colour = (20, 20, 20)
-# Sub-pixel positions are drawn with this many binary places.
 SHIFT = 4
+"""Sub-pixel positions are drawn with this many binary places."""
 FONT, TEXT_SCALE = cv2.FONT_HERSHEY_SIMPLEX, 0.46
-# How much a label should spare a place: a drawn line, and the ground inside a ring.
 LINE_WORTH, INSIDE_WORTH = 255, 60
-# The bright parts of a piece are drawn at this level, so that dark frames can be read by people too.
+"""How much a label should spare a place: a drawn line, and the ground inside a ring."""
 BRIGHT_LEVEL, LEAST_GAIN, MOST_GAIN = 215.0, 1.25, 8.0
+"""The bright parts of a piece are drawn at this level, so that dark images can be read by people too."""
 SCALE_LENGTHS_PX = (200, 100, 50, 20, 10, 5, 2, 1)
 LONGEST_SCALE = 150.0
-# A label nearer than this to what it names needs no line to it.
 SHORT_LEADER = 5.0
+"""A label nearer than this to what it names needs no line to it."""
 
 
 class Sheet:
-    """Hold a piece of a frame, `zoom` sheet pixels to a frame pixel, and the labels that are still to be placed."""
+    """Hold a piece of an image, `zoom` sheet pixels to an image pixel, and the labels that are still to be placed."""
 
     def __init__(self, image: Bgr, area_px: tuple[int, int, int, int], zoom: float) -> None:
         self.x_px, self.y_px, self.zoom = area_px[0], area_px[1], zoom
@@ -45,20 +45,20 @@ class Sheet:
         self.labels: list[Label] = []
 
     def place(self, x_px: float, y_px: float) -> tuple[int, int]:
-        """Return the sheet's place of a frame point, in 1/16 px (a pixel's centre is the middle of its square)."""
+        """Return the sheet's place of an image point, in 1/16 px (a pixel's centre is the middle of its square)."""
         one = 1 << SHIFT
         x = ((x_px - self.x_px + 0.5) * self.zoom - 0.5) * one
         y = ((y_px - self.y_px + 0.5) * self.zoom - 0.5) * one
         return int(np.clip(np.nan_to_num(x), -1e6, 1e6)), int(np.clip(np.nan_to_num(y), -1e6, 1e6))
 
     def line(self, start: tuple[float, float], end: tuple[float, float], colour: Colour, thickness: int = 1) -> None:
-        """Draw a line between frame points."""
+        """Draw a line between image points."""
         a, b = self.place(*start), self.place(*end)
         cv2.line(self.pixels, a, b, colour, thickness, cv2.LINE_AA, SHIFT)
         cv2.line(self.busy, a, b, (LINE_WORTH,), thickness + 1, cv2.LINE_8, SHIFT)
 
     def dashes(self, start: tuple[float, float], end: tuple[float, float], colour: Colour) -> None:
-        """Draw a dashed line between frame points: where something would be, if it went on."""
+        """Draw a dashed line between image points: where something would be, if it went on."""
         span = float(np.hypot(end[0] - start[0], end[1] - start[1])) * self.zoom
         if not np.isfinite(span):
             return
@@ -68,13 +68,13 @@ class Sheet:
             self.line((ends[0][0], ends[0][1]), (ends[1][0], ends[1][1]), colour)
 
     def outline(self, points: NDArray[np.float64], colour: Colour, *, closed: bool = True) -> None:
-        """Draw a polygon of frame points (N, 2)."""
+        """Draw a polygon of image points (N, 2)."""
         placed = np.array([self.place(float(x), float(y)) for x, y in points], dtype=np.int32)
         cv2.polylines(self.pixels, [placed], closed, colour, 1, cv2.LINE_AA, SHIFT)
         cv2.polylines(self.busy, [placed], closed, (LINE_WORTH,), 2, cv2.LINE_8, SHIFT)
 
     def fill(self, points: NDArray[np.float64]) -> None:
-        """Ask labels to spare the inside of a polygon of frame points (N, 2)."""
+        """Ask labels to spare the inside of a polygon of image points (N, 2)."""
         placed = np.array([self.place(float(x), float(y)) for x, y in points], dtype=np.int32)
         inside = np.zeros_like(self.busy)
         cv2.fillPoly(inside, [placed], (INSIDE_WORTH,), cv2.LINE_8, SHIFT)
@@ -83,7 +83,7 @@ class Sheet:
     def cross(
         self, at: tuple[float, float], size_px: float, colour: Colour, *, gap_px: float = 0.0, turn_deg: float = 0.0
     ) -> None:
-        """Draw a cross at a frame point; a gap leaves the point itself free, 45 degrees make it an x."""
+        """Draw a cross at an image point; a gap leaves the point itself free, 45 degrees make it an x."""
         ways = [(float(np.cos(way)), float(np.sin(way))) for way in np.radians(turn_deg + np.arange(0.0, 360.0, 90.0))]
         for ink, thickness in ((SHADOW, 3), (colour, 1)):
             for c, s in ways:
@@ -111,7 +111,7 @@ class Sheet:
         cv2.ellipse(self.busy, place, axes, turn_deg, 0.0, 360.0, (LINE_WORTH,), 2, cv2.LINE_8, SHIFT)
 
     def label(self, text: str, at: tuple[float, float], colour: Colour, *, clear_px: float = 0.0) -> None:
-        """Ask for a label `clear_px` or more away from a frame point; those asked for first choose first."""
+        """Ask for a label `clear_px` or more away from an image point; those asked for first choose first."""
         x, y = self.place(*at)
         spot = Spot(x / (1 << SHIFT), y / (1 << SHIFT), clear_px * self.zoom)
         height, width = self.busy.shape
@@ -119,7 +119,7 @@ class Sheet:
             self.labels.append(Label(text, spot, colour, text_size(text)))
 
     def scale_bar(self) -> None:
-        """Draw a bar of a round number of frame pixels into the lower right corner."""
+        """Draw a bar of a round number of image pixels into the lower right corner."""
         length = next((n for n in SCALE_LENGTHS_PX if n * self.zoom <= LONGEST_SCALE), SCALE_LENGTHS_PX[-1])
         span, (height, width) = round(length * self.zoom), self.busy.shape
         x, y = width - 14 - span, height - 12
@@ -131,13 +131,13 @@ class Sheet:
         write(self.pixels, text, x + (span - text_size(text)[0]) // 2, y - 8, INK)
         self.reserve((x - 8, y - 24, span + 16, 32))
 
-    def inset(self, picture: Bgr, title: str) -> None:
-        """Lay another picture into the lower left corner."""
-        height, width = picture.shape[:2]
+    def inset(self, image: Bgr, title: str) -> None:
+        """Lay another image into the lower left corner."""
+        height, width = image.shape[:2]
         x, y = 8, self.pixels.shape[0] - height - 8
         if y < 0 or x + width > self.pixels.shape[1]:
             return
-        self.pixels[y : y + height, x : x + width] = picture
+        self.pixels[y : y + height, x : x + width] = image
         cv2.rectangle(self.pixels, (x - 1, y - 1), (x + width, y + height), INK, 1)
         shade(self.pixels, (x, y, text_size(title)[0] + 10, 19))
         write(self.pixels, title, x + 5, y + 14, INK)
@@ -149,7 +149,7 @@ class Sheet:
         self.busy[max(y, 0) : y + height, max(x, 0) : x + width] = LINE_WORTH
 
     def finish(self) -> Bgr:
-        """Place the labels where they hide least, each with a line to what it names, and return the picture."""
+        """Place the labels where they hide least, each with a line to what it names, and return the image."""
         for label, (box, line) in zip(self.labels, arrange(self.labels, self.busy), strict=True):
             x, y, _, height = box
             if np.hypot(*(line[1] - line[0])) > SHORT_LEADER:
@@ -163,27 +163,27 @@ class Sheet:
 
 
 def crop(image: Bgr, area_px: tuple[int, int, int, int], zoom: int = 1) -> Bgr:
-    """Return a magnified copy of part of a frame: (x, y, width, height) px, black where it leaves the frame."""
-    frame = check_bgr(image)
+    """Return a magnified copy of part of an image: (x, y, width, height) px, black where it leaves the image."""
+    whole = check_bgr(image)
     x, y, width, height = area_px
     if width < 1 or height < 1 or zoom < 1:
         raise ValueError(f"nothing to crop: area {area_px}, zoom {zoom}")
     part = np.zeros((height, width, 3), dtype=np.uint8)
-    x1, y1, x2, y2 = max(x, 0), max(y, 0), min(x + width, frame.shape[1]), min(y + height, frame.shape[0])
+    x1, y1, x2, y2 = max(x, 0), max(y, 0), min(x + width, whole.shape[1]), min(y + height, whole.shape[0])
     if x2 > x1 and y2 > y1:
-        part[y1 - y : y2 - y, x1 - x : x2 - x] = frame[y1:y2, x1:x2]
+        part[y1 - y : y2 - y, x1 - x : x2 - x] = whole[y1:y2, x1:x2]
     return magnified(part, zoom)
 
 
 def magnified(image: Bgr, zoom: float) -> Bgr:
-    """Return a copy of a picture at another size; by a whole number, its pixels stay squares: they were measured."""
+    """Return a copy of an image at another size; by a whole number, its pixels stay squares: they were measured."""
     size = max(round(image.shape[1] * zoom), 1), max(round(image.shape[0] * zoom), 1)
     how = cv2.INTER_AREA if zoom < 1.0 else cv2.INTER_NEAREST if zoom == int(zoom) else cv2.INTER_LINEAR
     return np.array(cv2.resize(image, size, interpolation=how), dtype=np.uint8)
 
 
 def brightened(image: Bgr) -> tuple[Bgr, str]:
-    """Return a picture whose bright parts can be seen by people, and in words what was done to it, if anything."""
+    """Return an image whose bright parts can be seen by people, and in words what was done to it, if anything."""
     gain = float(np.clip(BRIGHT_LEVEL / max(float(np.percentile(image, 99.9)), 1.0), 1.0, MOST_GAIN))
     if gain < LEAST_GAIN:
         return image, ""

@@ -1,4 +1,4 @@
-"""The white picture's half of a sheet: how the tip was found, or where it was looked for."""
+"""Panel of the white image: how the tip was found, or where it was looked for."""
 
 from __future__ import annotations
 
@@ -6,15 +6,13 @@ import numpy as np
 
 from vision.annotate.page import PagePanel, fitting_zoom
 from vision.annotate.sheet import ANSWER, FRAME, INK, THROWN, USED, Sheet, brightened, crop
-from vision.core.image import Bgr, check_bgr
-from vision.core.not_found import NotFound
-from vision.tip.find import Tip
-from vision.tip.probe_model import ProbeModel, needle_outline
+from vision.core import Bgr, NotFound, check_bgr
+from vision.tip import ProbeModel, Tip, probe_outline
 
-# Marking, taper and end, with the end low on the right: the needle comes from the upper left.
 AREA_PX, TIP_AT_PX = (300, 350), (205, 275)
-# The end is shown once more, larger.
+"""Marking, taper and end, with the end low on the right: the probe comes from the upper left."""
 CLOSE_PX, CLOSE_ZOOM = 34, 6
+"""The end is shown once more, larger."""
 LEGEND = ((ANSWER, "tip"), (USED, "edges, rims"), (FRAME, "bisector"), (THROWN, "where the edges would meet"))
 
 
@@ -25,7 +23,7 @@ def tip_panel(
     zoom: float | None = None,
     taught: ProbeModel | None = None,
 ) -> PagePanel:
-    """Return the panel of a white frame; near_px, taught: where the tip was expected, for when there is none."""
+    """Return the panel of a white image; near_px, taught: where the tip was expected, for when there is none."""
     image = check_bgr(white_bgr)
     if taught is not None:
         near_px = taught.tip_px
@@ -33,7 +31,7 @@ def tip_panel(
     sheet, title = _sheet(image, (tip.x_px, tip.y_px) if isinstance(tip, Tip) else near_px or middle, zoom)
     if isinstance(tip, NotFound):
         if taught is not None:
-            silhouette = needle_outline(taught.tip_px, taught.angle_rad, taught.shape, 0.0)
+            silhouette = probe_outline(taught.tip_px, taught.angle_rad, taught.shape, 0.0)
             sheet.outline(silhouette, FRAME)
             sheet.fill(silhouette)
         if near_px is not None:
@@ -41,12 +39,12 @@ def tip_panel(
         legend = ((FRAME, "needle as it was taught"),) if taught is not None else ()
         return PagePanel(title, sheet.finish(), (f"no tip: {tip.reason}",), legend)
     sheet.inset(_close_up(sheet, tip), f"the end, {CLOSE_ZOOM} times")
-    _draw_needle(sheet, tip)
+    _draw_probe(sheet, tip)
     return PagePanel(title, sheet.finish(), _facts(tip), LEGEND)
 
 
 def click_panel(white_bgr: Bgr, click_px: tuple[float, float]) -> PagePanel:
-    """Return the panel of a white frame in which somebody said where the tip is."""
+    """Return the panel of a white image in which somebody said where the tip is."""
     sheet, title = _sheet(check_bgr(white_bgr), click_px, None)
     _mark(sheet, click_px, "said to be the tip")
     return PagePanel(title, sheet.finish(), (), ())
@@ -82,8 +80,8 @@ def _facts(tip: Tip) -> tuple[str, ...]:
     )
 
 
-def _draw_needle(sheet: Sheet, tip: Tip) -> None:
-    """Draw the fitted needle; labels asked for first get the best places."""
+def _draw_probe(sheet: Sheet, tip: Tip) -> None:
+    """Draw the fitted probe; labels asked for first get the best places."""
     c, s = float(np.cos(tip.angle_rad)), float(np.sin(tip.angle_rad))
     end = tip.x_px, tip.y_px
     sheet.cross(end, 9.0, ANSWER, gap_px=2.5)
@@ -102,7 +100,7 @@ def _draw_needle(sheet: Sheet, tip: Tip) -> None:
 
 def _draw_edges(sheet: Sheet, tip: Tip) -> None:
     """Draw L1 and L2 as far as they were measured, dashed to where they would meet, and the cylinder above."""
-    silhouette = needle_outline((tip.x_px, tip.y_px), tip.angle_rad, tip.shape, 0.0)
+    silhouette = probe_outline((tip.x_px, tip.y_px), tip.angle_rad, tip.shape, 0.0)
     sheet.fill(silhouette)
     half = len(silhouette) // 2
     for side in (silhouette[2:half], silhouette[half : 2 * half - 2]):
@@ -116,7 +114,7 @@ def _draw_edges(sheet: Sheet, tip: Tip) -> None:
 
 
 def _close_up(sheet: Sheet, tip: Tip) -> Bgr:
-    """Return the end of the needle alone, with nothing drawn on the very end."""
+    """Return the end of the probe alone, with nothing drawn on the very end."""
     x, y = int(np.rint(tip.x_px)) - CLOSE_PX // 2, int(np.rint(tip.y_px)) - CLOSE_PX // 2
     area = x - sheet.x_px, y - sheet.y_px, CLOSE_PX, CLOSE_PX
     close = Sheet(crop(sheet.piece, area), (x, y, CLOSE_PX, CLOSE_PX), CLOSE_ZOOM)

@@ -1,4 +1,4 @@
-"""Measure the centre of a crossing: where the middle lines of its arms meet, each fitted to all of its stations."""
+"""Centre of a crossing: where the middle lines of its arms meet, each fitted to all of its stations."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ import numpy as np
 from vision.control_point.print import EXPECTED, Fitted, Flags, Point, PrintedLine, Sides, why_no_print
 from vision.control_point.proposals import ARM_ANGLE_DEG, Crossing
 from vision.control_point.strip import RoughArm, measure_strip, rough_arms
-from vision.core.caliper import Floats, robust_fit
-from vision.core.image import Plane
+from vision.core import Floats, Plane, robust_fit
 
 ROUNDS = 4
-# A shift this small leaves the stations where they are.
 SETTLED_PX = 0.05
-# Arms are measured from this share of arm_px to this one, as far as they go on without a gap longer than that.
+"""A shift this small leaves the stations where they are."""
 NEAREST, FARTHEST, LONGEST_GAP = 0.06, 1.7, 0.45
-# An arm shows on at least the first of these lengths, on each line one shows on the second and up to the third, arm_px.
+"""Arms are measured from this share of arm_px to this one, as far as they go on without a gap longer than that."""
 LEAST_ARM, LEAST_LENGTH, LEAST_END = 0.2, 0.5, 0.75
-# Of the better arm on each line, so much of its expected length shows.
+"""An arm shows on at least the first of these lengths, on each line one shows on the second and up to the third,
+arm_px."""
 LEAST_SHARE = 0.65
-# Two arms on one line: how far their own middle lines may miss each other at the centre (px), and turn (rad).
+"""Of the better arm on each line, so much of its expected length shows."""
 LARGEST_MISS_PX, LARGEST_TURN = 3.0, 0.06
-# Toner's ragged edges and the blur tie neighbouring stations together: of so many, one is independent.
+"""Two arms on one line: how far their own middle lines may miss each other at the centre (px), and turn (rad)."""
 STATIONS_TIED = 3.0
+"""Toner's ragged edges and the blur tie neighbouring stations together: of so many, one is independent."""
 SYSTEMATIC_SIGMA_PX = 0.02
 LARGEST_SIGMA_PX = 0.5
 
@@ -144,7 +144,7 @@ def _fit(raw: Plane, at: Point, line: PrintedLine, arm_px: float) -> Fitted | No
         return None
     used = strip.good & _unbroken(strip.along, strip.good, LONGEST_GAP * arm_px)
     ways = [used & (strip.along * way > 0.0) for way in (1.0, -1.0)]
-    # A few stations on one side are chance: the needle's edges, or a letter beside.
+    # A few stations on one side are chance: the probe's edges, or a letter beside.
     used = np.any([mine for mine in ways if np.count_nonzero(mine) >= LEAST_ARM * arm_px] or [used & False], axis=0)
     longest = max(np.count_nonzero(mine) for mine in ways)
     if longest < LEAST_LENGTH * arm_px or np.abs(strip.along[used]).max() < LEAST_END * arm_px:

@@ -1,7 +1,7 @@
-"""Find the control point: the middle of four thin arms printed crosswise (thesis appendix C).
+"""Search for the control point: the middle of four thin arms printed crosswise (thesis appendix C).
 
 Each arm is a dark line with two parallel edges; halfway between them runs the arm. Arms that cross at 72..95 degrees
-(perspective bends the right angle) meet at the centre. Two arms are enough: the needle may hide the others.
+(perspective bends the right angle) meet at the centre. Two arms are enough: the probe may hide the others.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ import numpy as np
 
 from vision.control_point.cross import FARTHEST, Cross, measure_crosses
 from vision.control_point.proposals import propose_crossings
-from vision.core.image import Gray, check_bgr, check_exposure, check_point, despike, gray
-from vision.core.not_found import NotFound, Reason
+from vision.core import Gray, NotFound, Reason, check_bgr, check_exposure, check_point, despike, gray
 
-# Two answers nearer than this are the same one, px.
 SAME_PX = 1.0
-# A proposal this near to a measured centre is that one again, px.
+"""Two answers nearer than this are the same one, px."""
 KNOWN_PX = 10.0
-# A needle's edge beside a hidden arm can pass for it: such an answer has fewer stations and a larger sigma by these.
+"""A proposal this near to a measured centre is that one again, px."""
 WORSE_STATIONS, WORSE_SIGMA = 0.9, 2.0
+"""A probe's edge beside a hidden arm can pass for it: such an answer has fewer stations and a larger sigma by
+these."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,7 @@ def find_control_point(
     if column < half or row < half or column + half >= width or row + half >= height:
         fact = f"the window x {column - half}..{column + half}, y {row - half}..{row + half} px leaves the picture"
         return NotFound(Reason.OUT_OF_FRAME, f"{fact}: bring the control point nearer to the tip")
-    # Longer arms are followed as far as the picture goes.
+    # Longer arms are followed as far as the image goes.
     more = half + int((FARTHEST - 1.0) * arm_px) + 1
     x, y = max(column - more, 0), max(row - more, 0)
     plane = gray(image[y : row + more + 1, x : column + more + 1])
@@ -118,7 +118,7 @@ def _none(fact: str) -> NotFound:
 
 
 def _arms(found: Cross, x: int, y: int, arm_px: float) -> tuple[Arm, ...]:
-    """Return the arms in the picture's coordinates, each at the middle of its length."""
+    """Return the arms in the image's coordinates, each at the middle of its length."""
     arms = []
     for arm in found.arms:
         c, s = np.cos(arm.angle_rad), np.sin(arm.angle_rad)

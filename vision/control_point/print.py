@@ -1,4 +1,4 @@
-"""Decide whether two measured lines are those of a control point.
+"""Checks of a control point: whether two measured lines are its arms.
 
 What is measured must be a print: arms of one width and one darkness on paper, straight, not tapered, not dashed, and
 none of them missing where the paper is bare. A crossing of which this cannot be said is none.
@@ -13,30 +13,29 @@ from numpy.typing import NDArray
 
 from vision.control_point.proposals import LEAST_DEPTH
 from vision.control_point.strip import ArmStrip, axis_levels
-from vision.core.caliper import Fit, Floats, robust_fit, spread
-from vision.core.image import Plane
+from vision.core import Fit, Floats, Plane, mad_sigma, robust_fit
 
 Flags = NDArray[np.bool_]
 Sides = tuple[bool, bool]
 Point = tuple[float, float]
-# Where arms are expected whatever their length.
 EXPECTED = (0.15, 0.85)
-# Widths differ by foreshortening (cos 33 deg and some scatter), darkness by the fall-off of light.
+"""Where arms are expected whatever their length."""
 LARGEST_WIDTH_RATIO, LARGEST_STEP_RATIO = 1.3, 1.45
-# A needle widens by a tenth and more.
+"""Widths differ by foreshortening (cos 33 deg and some scatter), darkness by the fall-off of light."""
 LARGEST_TAPER = 0.03
-# A taper shows on no fewer stations.
+"""A probe widens by a tenth and more."""
 TAPER_STATIONS = 25
+"""A taper shows on no fewer stations."""
 LARGEST_SCATTER_PX = 0.6
-# Toner is darker than paper by at least this share of the paper's level.
 LEAST_CONTRAST = 0.35
-# Paper is bare where its level is that of the paper round the arms, to this share of the step from toner to paper.
+"""Toner is darker than paper by at least this share of the paper's level."""
 BARE_SHARE = 0.06
+"""Paper is bare where its level is that of the paper round the arms, to this share of the step from toner to paper."""
 MOST_BARE = 0.4
-# An arm that begins, and is then cut off, is no missing one: seen so far beyond the other arm's edge, px.
 STUB_PX = (2.0, 6.0)
-# So much of an arm may look bare between its first and its last station, for dirt and glints.
+"""An arm that begins, and is then cut off, is no missing one: seen so far beyond the other arm's edge, px."""
 MOST_BROKEN = 0.15
+"""So much of an arm may look bare between its first and its last station, for dirt and glints."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,4 +133,4 @@ def _paper(lines: tuple[PrintedLine, PrintedLine], fitted: tuple[Fitted, Fitted]
         levels.append(one.strip.paper[one.used])
     place, level = np.concatenate(places), np.concatenate(levels)
     plane = np.asarray(np.linalg.lstsq(place, level, rcond=None)[0], dtype=np.float64)
-    return plane, spread(level - place @ plane, 0.5)
+    return plane, mad_sigma(level - place @ plane, 0.5)

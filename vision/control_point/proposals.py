@@ -1,7 +1,7 @@
-"""Propose where the arms of a control point cross: dark line pixels vote for lines, pairs of lines are judged by arms.
+"""Proposals of crossings: dark line pixels vote for lines, pairs of lines are judged by arms.
 
 Done at half size, where an arm is two to six pixels wide. What it proposes is rough (a pixel or two, a degree or two);
-`controlpoint_arms` measures and decides.
+`cross` measures and decides.
 """
 
 from __future__ import annotations
@@ -12,37 +12,37 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.core.image import Gray, Plane
+from vision.core import Gray, Plane
 
 Floats = NDArray[np.float64]
-# Angle between two lines through the centre, degrees, as the oblique view shows it: 72..95 and its supplement.
 ARM_ANGLE_DEG = (72.0, 108.0)
-# What voting for directions in bins of 3 degrees may add to it.
+"""Angle between two lines through the centre, degrees, as the oblique view shows it: 72..95 and its supplement."""
 ANGLE_SLACK_DEG = 3.0
+"""What voting for directions in bins of 3 degrees may add to it."""
 WIDEST_ARM_PX = 14.0
-# Darker than the paper by at least this many levels.
 LEAST_DEPTH = 12.0
+"""Darker than the paper by at least this many levels."""
 DIRECTIONS = 60
 LINES, CROSSINGS = 10, 5
-# Arms are looked for from this share of their length outwards.
 INNER_SHARE = 0.2
-# A line pixel runs along an arm when their directions differ by less, rad.
+"""Arms are looked for from this share of their length outwards."""
 ALONG_RAD = 0.3
-# On each line an arm shows on this share of its length.
+"""A line pixel runs along an arm when their directions differ by less, rad."""
 LEAST_COVER = 0.35
+"""On each line an arm shows on this share of its length."""
 APART_PX = 4.0
 
 
 @dataclass(frozen=True, slots=True)
 class Crossing:
-    """Hold a place (x_px, y_px) of the picture and the directions (rad, 0..pi) of two lines that meet there."""
+    """Hold a place (x_px, y_px) of the image and the directions (rad, 0..pi) of two lines that meet there."""
 
     x_px: float
     y_px: float
     angles_rad: tuple[float, float]
 
     def moved(self, x_px: float, y_px: float) -> Crossing:
-        """Return the same crossing in a picture whose pixel (0, 0) lies at (-x_px, -y_px)."""
+        """Return the same crossing in an image whose pixel (0, 0) lies at (-x_px, -y_px)."""
         return Crossing(self.x_px + x_px, self.y_px + y_px, self.angles_rad)
 
 
@@ -55,7 +55,7 @@ class _Ridges:
 
 
 def propose_crossings(plane: Gray, reach_px: float, arm_px: float) -> list[Crossing]:
-    """Return up to five crossings within `reach_px` of the middle of a square picture (H, H) uint8, best first."""
+    """Return up to five crossings within `reach_px` of the middle of a square image (H, H) uint8, best first."""
     ridges = _ridges(plane)
     lines = _lines(ridges)
     pairs = _pairs(lines, reach_px / 2.0 + 2.0)
@@ -69,7 +69,7 @@ def propose_crossings(plane: Gray, reach_px: float, arm_px: float) -> list[Cross
     found: list[Crossing] = []
     for index in np.argsort(-score):
         x, y, first, second = (float(number) for number in pairs[index])
-        # A pixel of the half-size picture is the mean of two: its centre lies between theirs.
+        # A pixel of the half-size image is the mean of two: its centre lies between theirs.
         place = 2.0 * (x + half) + 0.5, 2.0 * (y + half) + 0.5
         if weakest[index] < LEAST_COVER or any(
             np.hypot(place[0] - other.x_px, place[1] - other.y_px) < APART_PX for other in found

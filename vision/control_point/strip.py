@@ -1,4 +1,4 @@
-"""Measure a dark strip with two parallel edges, station by station along it, and the line in the middle of the two.
+"""Measurement of a dark strip with two parallel edges, station by station, and of the line in the middle of the two.
 
 Coordinates are those of the line: `along` it from a point given, `across` it to the right as seen (x towards y).
 """
@@ -12,21 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision.control_point.proposals import WIDEST_ARM_PX
-from vision.core.caliper import Floats, derivative, middle, refine_peaks, robust_fit, sample, spread
-from vision.core.image import Plane
+from vision.core import Floats, Plane, derivative, mad_sigma, quantile, refine_peaks, robust_fit, sample
 
 Flags = NDArray[np.bool_]
 NARROWEST_ARM_PX = 1.5
 EDGE_SIGMA_PX = 1.2
-# Paper is judged this far outside an edge, where the edge's blur has ended, px.
 FLANK_PX = (3.0, 5.0)
+"""Paper is judged this far outside an edge, where the edge's blur has ended, px."""
 MARGIN_PX = 9
-# An edge of a station is sought this far from where the strip should have it, px.
 SEARCH_PX = 2.0
-# Shares of the typical strength of an edge, and of the typical step from strip to paper, that a station must have.
+"""An edge of a station is sought this far from where the strip should have it, px."""
 LEAST_STRENGTH, LEAST_STEP = 0.45, 0.75
-# Widths scatter by toner and noise; what lies further off than three scales, and this, is something else, px.
+"""Shares of the typical strength of an edge, and of the typical step from strip to paper, that a station must have."""
 WIDTH_SLACK_PX = 0.5
+"""Widths scatter by toner and noise; what lies further off than three scales, and this, is something else, px."""
 LEAST_STATIONS = 10
 
 
@@ -85,11 +84,11 @@ def rough_arms(raw: Plane, at: tuple[float, float], angles: tuple[float, ...], a
 
 
 def _rough(along: Floats, places: Floats, widths: Floats, strength: Floats) -> RoughArm | None:
-    good = (widths > NARROWEST_ARM_PX) & (strength > max(0.3 * middle(strength, 0.8), 2.0))
+    good = (widths > NARROWEST_ARM_PX) & (strength > max(0.3 * quantile(strength, 0.8), 2.0))
     least = max(0.3 * along.size, 6.0)
     if np.count_nonzero(good) < least:
         return None
-    typical = middle(widths[good])
+    typical = quantile(widths[good])
     good &= np.abs(widths - typical) < 1.5
     if np.count_nonzero(good) < least:
         return None
@@ -140,20 +139,29 @@ def measure_strip(raw: Plane, at: tuple[float, float], angle: float, width_px: f
     flank = (np.abs(across) >= width_px / 2.0 + FLANK_PX[0]) & (np.abs(across) <= width_px / 2.0 + FLANK_PX[1])
     paper = np.minimum(rows[:, flank & (across < 0)].mean(axis=1), rows[:, flank & (across > 0)].mean(axis=1))
     weakest = np.minimum(fall, rise)
-    good = weakest > max(LEAST_STRENGTH * middle(weakest, 0.7), 2.0)
+    good = weakest > max(LEAST_STRENGTH * quantile(weakest, 0.7), 2.0)
     if np.count_nonzero(good) < LEAST_STATIONS:
         return None
-    step = middle((paper - inside)[good], 0.6)
+    step = quantile((paper - inside)[good], 0.6)
     good &= paper - inside > LEAST_STEP * step
     widths = right - left
     if np.count_nonzero(good) < LEAST_STATIONS:
         return None
-    typical = middle(widths[good])
-    slack = max(3.0 * spread(widths[good] - typical, 0.05), WIDTH_SLACK_PX)
+    typical = quantile(widths[good])
+    slack = max(3.0 * mad_sigma(widths[good] - typical, 0.05), WIDTH_SLACK_PX)
     good &= np.abs(widths - typical) < min(slack, 1.5)
     if np.count_nonzero(good) < LEAST_STATIONS:
         return None
-    return ArmStrip(along, (left + right) / 2.0 - reach, widths, axis, paper, good, typical, step)
+    return ArmStrip(
+        along=along,
+        middle=(left + right) / 2.0 - reach,
+        width=widths,
+        axis=axis,
+        paper=paper,
+        good=good,
+        width_px=typical,
+        step=step,
+    )
 
 
 def _edge(rows: Plane, about: float) -> tuple[Floats, Floats]:

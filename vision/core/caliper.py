@@ -1,7 +1,7 @@
-"""Measure along lines: intensity profiles, sub-pixel edges on them, and lines through many edges.
+"""Calipers and robust fits: intensity profiles, sub-pixel edges on them, and lines through many edges.
 
 An edge's place is the peak of the profile's derivative, smoothed by a Gaussian, refined by a parabola through the
-peak and its neighbours. On clean pictures that is good to a few hundredths of a pixel.
+peak and its neighbours. On clean images that is good to a few hundredths of a pixel.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from vision.core.image import Gray, Plane
 
 Floats = NDArray[np.float64]
-# Residuals are weighted by Tukey's biweight with this many scales of reach (95 % efficient on Gaussian noise).
 TUKEY_REACH = 4.685
+"""Residuals are weighted by Tukey's biweight with this many scales of reach (95 % efficient on Gaussian noise)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,16 +122,16 @@ def tukey(residual: Floats, scale: float) -> Floats:
     return np.asarray(np.square(np.maximum(1.0 - np.square(residual / (TUKEY_REACH * scale)), 0.0)), dtype=np.float64)
 
 
-def middle(values: Floats | Plane | Gray, share: float = 0.5) -> float:
+def quantile(values: Floats | Plane | Gray, share: float = 0.5) -> float:
     """Return the value that `share` (0..1) of `values` lie below: a median or quantile without interpolation."""
     at = int(share * (values.size - 1))
     return float(np.partition(values, at, axis=None)[at])
 
 
-def spread(residual: Floats, floor: float) -> float:
+def mad_sigma(residual: Floats, floor: float) -> float:
     """Return a robust standard deviation (1.4826 times the median absolute value), at least `floor`."""
-    middle = residual.size // 2
-    return max(1.4826 * float(np.partition(np.abs(residual), middle)[middle]), floor) if residual.size else floor
+    rank = residual.size // 2
+    return max(1.4826 * float(np.partition(np.abs(residual), rank)[rank]), floor) if residual.size else floor
 
 
 def solve_normal(normal: Floats, right: Floats) -> Floats:
@@ -184,7 +184,7 @@ def robust_fit(
         parameters = solve_normal(normal, weighted @ target)
         residual = target - design @ parameters
         kept = residual[weights > 0.1]
-        scale = spread(kept if kept.size > size else residual, floor)
+        scale = mad_sigma(kept if kept.size > size else residual, floor)
         scale = max(min(scale, ceiling * (rounds - turn)), floor)
         weights = tukey(residual, scale)
     return Fit(parameters, np.asarray(np.linalg.inv(normal) * scale**2), weights, scale)
@@ -229,10 +229,10 @@ def fit_straight_edge(
         return None
     offset, slant = (float(number) for number in fit.parameters)
     return Line(
-        start_px[0] + middle * along_x - offset * along_y,
-        start_px[1] + middle * along_y + offset * along_x,
-        float(np.arctan2(along_y, along_x) + np.arctan(slant)),
-        float(np.sqrt(fit.covariance[0, 0])),
-        used,
-        calipers,
+        x_px=start_px[0] + middle * along_x - offset * along_y,
+        y_px=start_px[1] + middle * along_y + offset * along_x,
+        angle_rad=float(np.arctan2(along_y, along_x) + np.arctan(slant)),
+        sigma_px=float(np.sqrt(fit.covariance[0, 0])),
+        used=used,
+        offered=calipers,
     )

@@ -1,8 +1,8 @@
-"""Judge a round thing: whether one ellipse lies on its edge points, and along how much of it.
+"""Ellipse fit to edge points: whether one ellipse lies on them, and along how much of its contour.
 
 The camera looks obliquely, so a circle on the board is an ellipse. All radii here are semi-major; angles go round in
 the plane of the board, so that an undistorted pad is a constant radius plus a small second harmonic. What is taken is
-afterwards measured on the pixels themselves (`disc`).
+afterwards measured on the pixels themselves (`pads.disc_fit`).
 """
 
 from __future__ import annotations
@@ -19,13 +19,14 @@ from vision.core.view import View, ellipse_of
 
 Flags = NDArray[np.bool_]
 LEAST_POINTS, LEAST_FOR_FOURTH = 8, 16
-# Fewer edge points than this share of a contour's length are not worth a fit; a shape is asked of rounder things only.
 LEAST_LENGTH, LEAST_FOR_SHAPE = 0.3, 0.65
+"""Fewer edge points than this share of a contour's length are not worth a fit; a shape is asked of rounder things
+only."""
 LEAST_COVERAGE = 0.35
-# An edge this near the fit lies on it: small circles must not be met by the bends and corners of strokes.
 NEAR_PX, NEAR_SHARE, MOST_NEAR_PX = 0.35, 0.05, 0.8
-# An edge belongs to the contour if its slope points at the centre to this (cosine).
+"""An edge this near the fit lies on it: small circles must not be met by the bends and corners of strokes."""
 LEAST_AIM = 0.75
+"""An edge belongs to the contour if its slope points at the centre to this (cosine)."""
 ROUNDS = 3
 NOTHING_HIDDEN: Flags = np.zeros((0, 0), dtype=np.bool_)
 
@@ -44,7 +45,7 @@ class Contour:
     sin2_px: float = 0.0
 
     def ellipse(self, view: View) -> tuple[float, float, float]:
-        """Return (semi-major px, minor over major, direction of the minor axis in rad) in the picture."""
+        """Return (semi-major px, minor over major, direction of the minor axis in rad) in the image."""
         size, turn = math.hypot(self.cos2_px, self.sin2_px), 0.5 * math.atan2(self.sin2_px, self.cos2_px)
         c, s = math.cos(turn), math.sin(turn)
         one, other = self.radius_px + size, self.radius_px - size
@@ -103,8 +104,8 @@ def fit_circle(
 ) -> CircleFit | None:
     """Fit an ellipse to the edge points near a seed; None when too few lie on one.
 
-    shape: (H, W) of the picture. reach_px: how far from the seed edges are looked for at first. hidden: (H, W) bool,
-    what the needle covers. maybe_hidden: where something may stand in front: contour without an edge there does not
+    shape: (H, W) of the image. reach_px: how far from the seed edges are looked for at first. hidden: (H, W) bool,
+    what the probe covers. maybe_hidden: where something may stand in front: contour without an edge there does not
     count as visible. A size of zero means nothing is hidden.
     """
     contour, sigma = seed, 0.0
@@ -191,18 +192,18 @@ def _judge(
         return None
     semi_major, ratio, minor = contour.ellipse(view)
     return CircleFit(
-        contour.x_px,
-        contour.y_px,
-        semi_major,
-        ratio,
-        minor,
-        float(np.hypot(sigma, 0.03)),
-        visible / sectors,
-        coverage,
-        _squareness(ring, contour) if coverage >= LEAST_FOR_SHAPE else 0.0,
-        0.0,
-        shown,
-        contour,
+        x_px=contour.x_px,
+        y_px=contour.y_px,
+        radius_px=semi_major,
+        ratio=ratio,
+        minor_rad=minor,
+        sigma_px=float(np.hypot(sigma, 0.03)),
+        visible=visible / sectors,
+        coverage=coverage,
+        squareness=_squareness(ring, contour) if coverage >= LEAST_FOR_SHAPE else 0.0,
+        noise=0.0,
+        sectors=shown,
+        contour=contour,
     )
 
 

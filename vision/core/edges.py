@@ -1,4 +1,4 @@
-"""Edge points of a whole picture at once: where brightness changes fastest, to a fraction of a pixel (Canny's maxima).
+"""Edge points of a whole image at once: where brightness changes fastest, to a fraction of a pixel (Canny's maxima).
 
 They propose and judge circles; what is taken is measured on the pixels themselves (`disc`).
 """
@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from vision.core.image import Gray
 
 Floats = NDArray[np.float32]
-# The picture is smoothed by this before slopes are taken, px.
 SMOOTH_PX = 1.0
-# Slope of an edge worth a look, levels per px (after smoothing).
+"""The image is smoothed by this before slopes are taken, px."""
 LEAST_SLOPE = 6.0
+"""Slope of an edge worth a look, levels per px (after smoothing)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,13 +36,13 @@ class Edgels:
         return Edgels(*(part[chosen] for part in parts))
 
     def outside(self, mask: NDArray[np.bool_]) -> Edgels:
-        """Return those that do not lie on a mask (H, W) of the picture they were found in."""
+        """Return those that do not lie on a mask (H, W) of the image they were found in."""
         rows, columns = np.rint(self.y_px).astype(np.intp), np.rint(self.x_px).astype(np.intp)
         return self.where(~mask[rows, columns])
 
 
 def find_edgels(plane: Gray, least_slope: float = LEAST_SLOPE) -> Edgels:
-    """Return the edge points of (H, W) uint8, without those at the picture's border."""
+    """Return the edge points of (H, W) uint8, without those at the image's border."""
     smooth = cv2.GaussianBlur(plane, (7, 7), SMOOTH_PX)
     slope_x = np.asarray(cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=0.125), dtype=np.float32)
     slope_y = np.asarray(cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=0.125), dtype=np.float32)

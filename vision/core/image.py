@@ -1,4 +1,4 @@
-"""Pictures in: check them, reduce them to one channel, clean them.
+"""Image input: checks, reduction to one channel, cleaning.
 
 Every array is (H, W) or (H, W, 3), row first; x runs right, y runs down, pixel centres lie at integers.
 """
@@ -17,18 +17,20 @@ Gray = NDArray[np.uint8]
 Bgr = NDArray[np.uint8]
 Plane = NDArray[np.float32]
 
-# Fig. 5.8 of the thesis: brightens bright detail and darkens dark detail; its weights sum to 2, by which it is divided.
 HIGHLIGHT_KERNEL = np.array([[-1, -1, -1], [-1, 10, -1], [-1, -1, -1]], dtype=np.float32) / 2.0
-# A pixel this far from the median of its 3x3 neighbourhood is salt or pepper: the optics blur any real detail wider.
+"""Fig. 5.8 of the thesis: brightens bright detail and darkens dark detail; its weights sum to 2, by which it is
+divided."""
 SPIKE_LEVELS = 60
-# At this level or above an 8-bit pixel carries no more information.
+"""A pixel this far from the median of its 3x3 neighbourhood is salt or pepper: the optics blur any real detail
+wider."""
 SATURATED_LEVEL = 250
+"""At this level or above an 8-bit pixel carries no more information."""
 
 
 def check_bgr(image: Any) -> Bgr:
     """Return `image` if it is (H, W, 3) uint8 with at least one pixel, else raise ValueError saying what it is."""
     if not isinstance(image, np.ndarray):
-        # One error type for every unusable picture: callers catch ValueError.
+        # One error type for every unusable image: callers catch ValueError.
         raise ValueError(  # noqa: TRY004 -- see above
             f"expected a numpy array (H, W, 3) of uint8 in BGR order, got {type(image).__name__}"
         )
@@ -53,7 +55,7 @@ def check_point(point_px: Any, name: str) -> tuple[float, float]:
 
 
 def gray(bgr: Bgr) -> Gray:
-    """Return the luma (Rec. 601) of a BGR picture, shape (H, W) uint8. Used for white frames."""
+    """Return the luma (Rec. 601) of a BGR image, shape (H, W) uint8. Used for white images."""
     return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
 
 
@@ -63,11 +65,11 @@ def intensity(bgr: Bgr) -> Gray:
 
 
 def red_signal(bgr: Bgr) -> Gray:
-    """Return the channel that carries a red-lit picture, shape (H, W) uint8.
+    """Return the channel that carries a red-lit image, shape (H, W) uint8.
 
     Under red light blue and green hold no light, so I is R/3 in 85 steps with three channels' noise: the red channel
-    alone has the same picture at three times the contrast and about 1.7 times the signal to noise. When red does not
-    lead (a gray picture, a lamp of another colour) I is the better signal and is returned.
+    alone has the same image at three times the contrast and about 1.7 times the signal to noise. When red does not
+    lead (a gray image, a lamp of another colour) I is the better signal and is returned.
     """
     blue, green, red = (float(level) for level in cv2.mean(bgr)[:3])
     if red >= 1.5 * max(blue, green):

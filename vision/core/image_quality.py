@@ -1,4 +1,4 @@
-"""What a picture is worth: focus, exposure, contrast and noise, as numbers that maintenance can follow over months.
+"""Image quality: focus, exposure, contrast and noise, as numbers that maintenance can follow over months.
 
 A number is useful there if it moves when its cause moves and at nothing else. So focus is an inverse length, the
 narrowness of edges, which no gain and no contrast enters, and what noise adds to it is measured and taken off.
@@ -17,25 +17,26 @@ from numpy.typing import NDArray
 
 from vision.core.image import SATURATED_LEVEL, Bgr, Gray, Plane, check_bgr, red_signal
 
-# At this level or below, an 8-bit pixel tells nothing about the dark.
 BLACK_LEVEL = 5
-# Derivatives are taken on this Gaussian, px. Narrower, noise and rounding show at 8 px of blur; wider, the difference
-# between 0.5 and 1 px of blur fades.
+"""At this level or below, an 8-bit pixel tells nothing about the dark."""
 SCALE_PX = 1.5
-# An edge is where the slope exceeds this many sigma of its noise, and this share of the strong slopes in the picture.
+"""Derivatives are taken on this Gaussian, px. Narrower, noise and rounding show at 8 px of blur; wider, the difference
+between 0.5 and 1 px of blur fades."""
 EDGE_SIGMAS, EDGE_SHARE, STRONG_PERCENTILE = 6.0, 0.2, 99.5
-# The flanks of an edge belong to it: this many px round it are measured as well.
+"""An edge is where the slope exceeds this many sigma of its noise, and this share of the strong slopes in the
+image."""
 FLANK_PX = 9
-# Immerkaer's kernel answers to no slope and no straight edge along an axis; its answer to noise is 6 sigma.
+"""The flanks of an edge belong to it: this many px round it are measured as well."""
 NOISE_KERNEL = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], dtype=np.float32) / 6.0
-# The median of |x| of a normal distribution in its sigma.
+"""Immerkaer's kernel answers to no slope and no straight edge along an axis; its answer to noise is 6 sigma."""
 MEDIAN_OF_NORMAL = 0.6745
+"""The median of |x| of a normal distribution in its sigma."""
 LEAST_SIDE_PX = 32
 
 
 @dataclass(frozen=True, slots=True)
 class ImageQuality:
-    """Hold what a picture, or a part of it, is worth.
+    """Hold what an image, or a part of it, is worth.
 
     focus_per_px: 1 over the blur of its edges (sigma of a Gaussian, px, the 1.5 px of the measure itself included), 0
     where no edge stands out of the noise. It is true for straight steps: 0.66 for a blur of 0.3 px, 0.55 for 1, 0.40
@@ -65,11 +66,11 @@ class ImageQuality:
 
 
 def measure_quality(bgr: Any, area_px: tuple[int, int, int, int] | None = None) -> ImageQuality:
-    """Measure a frame (H, W, 3) uint8, or the part (x, y, width, height) px of it.
+    """Measure an image (H, W, 3) uint8, or the part (x, y, width, height) px of it.
 
-    Levels, contrast, noise and focus are of the red channel where red leads (a red-lit frame), else of the channels'
+    Levels, contrast, noise and focus are of the red channel where red leads (a red-lit image), else of the channels'
     mean. Raises ValueError for an array of another shape or type and for an area that is smaller than 32 x 32 px or
-    leaves the frame.
+    leaves the image.
     """
     part = _part(check_bgr(bgr), area_px)
     signal = red_signal(part)
@@ -91,13 +92,13 @@ def measure_quality(bgr: Any, area_px: tuple[int, int, int, int] | None = None) 
     )
 
 
-def _part(frame: Bgr, area_px: tuple[int, int, int, int] | None) -> Bgr:
-    x, y, width, height = area_px if area_px is not None else (0, 0, frame.shape[1], frame.shape[0])
-    if not (x >= 0 and y >= 0 and x + width <= frame.shape[1] and y + height <= frame.shape[0]):
-        raise ValueError(f"area {area_px} leaves the frame of {frame.shape[1]} x {frame.shape[0]} px")
+def _part(image: Bgr, area_px: tuple[int, int, int, int] | None) -> Bgr:
+    x, y, width, height = area_px if area_px is not None else (0, 0, image.shape[1], image.shape[0])
+    if not (x >= 0 and y >= 0 and x + width <= image.shape[1] and y + height <= image.shape[0]):
+        raise ValueError(f"area {area_px} leaves the frame of {image.shape[1]} x {image.shape[0]} px")
     if width < LEAST_SIDE_PX or height < LEAST_SIDE_PX:
         raise ValueError(f"{width} x {height} px are too few to measure; at least {LEAST_SIDE_PX} x {LEAST_SIDE_PX}")
-    return np.ascontiguousarray(frame[y : y + height, x : x + width])
+    return np.ascontiguousarray(image[y : y + height, x : x + width])
 
 
 def _noise(signal: Gray, usable: NDArray[np.bool_]) -> float:

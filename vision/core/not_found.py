@@ -1,4 +1,4 @@
-"""What a search says when it has no answer: a falsy result with a reason."""
+"""Result of a search without an answer: a falsy value with a reason."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from typing import Literal
 class Reason(StrEnum):
     """Say why a search has no answer. The strings are stable: journals and messages carry them."""
 
-    # The picture itself
+    # The image itself
     TOO_DARK = "too_dark"
     SATURATED = "saturated"
     BLURRED = "blurred"
     OUT_OF_FRAME = "out_of_frame"
-    # The needle
+    # The probe
     NO_NEEDLE = "no_needle"
     WRONG_NEEDLE = "wrong_needle"
     NO_MARKING = "no_marking"

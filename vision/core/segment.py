@@ -1,4 +1,4 @@
-"""Cut a picture into brightness classes (Otsu, two or more) and connected objects."""
+"""Segmentation: brightness classes (Otsu, two or more) and connected objects."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from vision.core.image import Gray
 
-# Grey levels are counted in this many bins: fine enough for thresholds, small enough to search exhaustively.
 BINS = 32
+"""Grey levels are counted in this many bins: fine enough for thresholds, small enough to search exhaustively."""
 BIN_LEVELS = 256 // BINS
 
 

@@ -1,6 +1,6 @@
-"""How obliquely the board is seen: the affine map between the picture and the plane of the board.
+"""Oblique view of the board: the affine map between the image and the plane of the board.
 
-A circle on the board is an ellipse in the picture whose minor axis lies along the needle. Radii are semi-major px.
+A circle on the board is an ellipse in the image whose minor axis lies along the probe. Radii are semi-major px.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class View:
     shape_sigma: float = 0.03
 
     def to_image(self, x_px: float, y_px: float, radius_px: Floats, phi_rad: Floats) -> tuple[Floats, Floats]:
-        """Return image points at board radius and angle about a centre; angles count in the flattened picture."""
+        """Return image points at board radius and angle about a centre; angles count in the flattened image."""
         linear = self.unflattening()
         u, v = radius_px * np.cos(phi_rad), radius_px * np.sin(phi_rad)
         return x_px + linear[0, 0] * u + linear[0, 1] * v, y_px + linear[1, 0] * u + linear[1, 1] * v
@@ -50,8 +50,8 @@ def _stretch(along_rad: float, factor: float) -> Floats:
     return matrix
 
 
-# Nothing is known of the camera: between a square view and the thesis' oblique one, and either may be true.
 UNKNOWN_VIEW = View(ratio=0.935, shape_sigma=0.06)
+"""Nothing is known of the camera: between a square view and the thesis' oblique one, and either may be true."""
 
 
 def ellipse_of(matrix: Floats) -> tuple[float, float, float]:

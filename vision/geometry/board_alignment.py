@@ -1,4 +1,4 @@
-"""Where the board lies: CAD coordinates to robot coordinates, from three or more fiducials (thesis eq. 3.23, 6.10).
+"""Board alignment: CAD coordinates to robot coordinates, from three or more fiducials (thesis eq. 3.23, 6.10).
 
 A least-squares similarity through all fiducials. Its scale should be 1, and what it leaves at each fiducial should be
 no more than the axes and the camera scatter; whatever else is found is told as what it most likely is: the board's
@@ -24,6 +24,8 @@ LEAST_BASELINE_RESIDUALS = 100.0
 """The farthest two fiducials are so many of the largest residuals apart, or more: else a turn is mere scatter."""
 LEAST_ACROSS, LEAST_ACROSS_RESIDUALS = 0.05, 10.0
 """Root mean square spread in the lesser direction, against the greater and against the largest residual."""
+FARTHEST_UM = 1e9
+"""No coordinate is beyond this, a kilometre: what is farther off is no place, and its squares may overflow."""
 MOST_PERMUTED = 5
 """Of up to so many fiducials every order is tried; of more, every exchange of two."""
 
@@ -105,13 +107,13 @@ def align(
     centre = board.mean(axis=0)
     scatter = math.sqrt(float((residuals**2).sum()) / (2 * len(board) - 4))
     return Alignment(
-        pose,
-        tuple(names),
-        residuals,
-        pose.rms,
-        max(scatter, least_scatter_um),
-        (float(centre[0]), float(centre[1])),
-        float(np.linalg.norm(board - centre)),
+        pose=pose,
+        names=tuple(names),
+        residuals_um=residuals,
+        rms_um=pose.rms,
+        scatter_um=max(scatter, least_scatter_um),
+        centre_um=(float(centre[0]), float(centre[1])),
+        spread_um=float(np.linalg.norm(board - centre)),
     )
 
 
@@ -126,6 +128,8 @@ def _check_pairs(board_um: ArrayLike, robot_um: ArrayLike, names: Sequence[str])
         raise ValueError("a fiducial is named twice; give each one its own name")
     if len(board) < LEAST_FIDUCIALS:
         raise ValueError(f"{len(board)} fiducials; an alignment needs {LEAST_FIDUCIALS} or more, find another one")
+    if max(np.abs(board).max(), np.abs(robot).max()) > FARTHEST_UM:
+        raise ValueError("a fiducial lies beyond all bounds; check the unit of the board file, or find it again")
     return board, robot
 
 

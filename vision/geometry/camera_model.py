@@ -1,8 +1,8 @@
 """The pinhole camera: world points to pixels, and pixels back along their rays (thesis ch. 3).
 
 Camera frame: x right, y down, z along the optical axis, origin in the centre of projection, so that a point seen has a
-positive depth. (The thesis puts the picture *behind* the centre, but its eq. 3.4 carries no minus: it is the upright
-picture in front.) World frame: right-handed, um; any other length unit works as well if it is used throughout.
+positive depth. (The thesis puts the image *behind* the centre, but its eq. 3.4 carries no minus: it is the upright
+image in front.) World frame: right-handed, um; any other length unit works as well if it is used throughout.
 Lens distortion is not modelled, as in the thesis.
 """
 
@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike
 
 from vision.geometry.frames import Array, rotation
 
-# A ray that meets a plane at less than this slope (sine of the angle) runs along it.
 LEAST_SLOPE = 1e-9
+"""A ray that meets a plane at less than this slope (sine of the angle) runs along it."""
 
 
 def check_points(points: Any, name: str, columns: int) -> Array:
@@ -54,7 +54,7 @@ def view_angle_deg(size: float, focal: float) -> float:
     """Return the full angle of view of a sensor `size` wide behind the focal length `focal`, in one unit (mm or px).
 
     The thesis prints `alpha = 2 atan(d / f)` before fig. 3.7, which is right for half the sensor only: the full size
-    `d` needs `d / 2`, as its own eq. 3.26 and 3.27 have it (`f = c / tan(angle / 2)`, with `c` half the picture).
+    `d` needs `d / 2`, as its own eq. 3.26 and 3.27 have it (`f = c / tan(angle / 2)`, with `c` half the image).
     Raises ValueError unless both are finite and positive.
     """
     _check_positive(size=size, focal=focal)
@@ -64,7 +64,7 @@ def view_angle_deg(size: float, focal: float) -> float:
 def view_angle_from_target_deg(target_um: float, target_px: float, picture_px: float, distance_um: float) -> float:
     """Return the full angle of view from a target of known size seen square on (thesis, after fig. 3.5).
 
-    The target, `target_um` wide, covers `target_px` of the picture's `picture_px` from `distance_um` away. The thesis
+    The target, `target_um` wide, covers `target_px` of the image's `picture_px` from `distance_um` away. The thesis
     omits the 1/2 here as well. Raises ValueError unless all are finite and positive.
     """
     _check_positive(target_um=target_um, target_px=target_px, picture_px=picture_px, distance_um=distance_um)
@@ -72,7 +72,7 @@ def view_angle_from_target_deg(target_um: float, target_px: float, picture_px: f
 
 
 def focal_px(picture_px: float, view_deg: float) -> float:
-    """Return the focal length in px from the picture's size along one axis and the full angle of view along the *same*.
+    """Return the focal length in px from the image's size along one axis and the full angle of view along the *same*.
 
     Eq. 3.26 and 3.27 as they are meant. As printed, they have the two angles swapped: 5026 is 2000 / tan(43.4 / 2) and
     2806 is 1500 / tan(56.26 / 2), width with the vertical angle and height with the horizontal one. Put right, they
@@ -89,7 +89,7 @@ def focal_px(picture_px: float, view_deg: float) -> float:
 class Intrinsics:
     """The camera by itself (eq. 3.6): focal lengths and principal point, px. Raises ValueError if no camera has them.
 
-    Pixel centres lie at integers, so the middle of a picture W wide is (W - 1) / 2; the thesis' example takes W / 2.
+    Pixel centres lie at integers, so the middle of an image W wide is (W - 1) / 2; the thesis' example takes W / 2.
     """
 
     fx_px: float
@@ -186,7 +186,14 @@ class Extrinsics:
         rest[:2] = rotation(z_deg).T @ r[:2]
         y_deg = math.degrees(math.atan2(-rest[2, 0], rest[0, 0]))
         x_deg = math.degrees(math.atan2(-rest[1, 2], rest[1, 1]))
-        return cls(x_deg, y_deg, z_deg, float(t[0]), float(t[1]), float(t[2]))
+        return cls(
+            theta_x_deg=x_deg,
+            theta_y_deg=y_deg,
+            theta_z_deg=z_deg,
+            tx_um=float(t[0]),
+            ty_um=float(t[1]),
+            tz_um=float(t[2]),
+        )
 
     def to_camera_um(self, points_um: ArrayLike) -> Array:
         """Return world points, (3,) or (N, 3), in the camera's frame, um; the last column is the depth (eq. 3.8)."""
@@ -196,7 +203,7 @@ class Extrinsics:
 def project(points_um: ArrayLike, intrinsics: Intrinsics, extrinsics: Extrinsics) -> Array:
     """Return the pixels, (2,) or (N, 2), of world points, (3,) or (N, 3), um (eq. 3.10, 3.24).
 
-    Pixels may lie outside the picture. Raises ValueError if a point is not in front of the camera.
+    Pixels may lie outside the image. Raises ValueError if a point is not in front of the camera.
 
     The worked example (eq. 3.28 to 3.30) does not use the K it prints: its second row needs f_y = 5026, not 2806. With
     f_x = f_y = 5026 all of eq. 3.30 follows within the rounding of M_ext. Its first pixel is (1351, 753), not 1360.

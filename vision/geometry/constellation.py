@@ -1,4 +1,4 @@
-"""Which of the pads seen is the one meant: match what is seen with what CAD says must be near.
+"""Pad identification: which of the pads seen is the one meant, by what CAD says must be near.
 
 The nearest pad is the thesis' choice (eq. 5.12), and its section 7.2 names the weakness: a placement error of half the
 spacing picks the neighbour. The cure it proposes is done here: all round targets of the neighbourhood move together,

@@ -1,4 +1,4 @@
-"""Where the camera is: the extrinsics from points of a known model and their pixels (thesis appendix A).
+"""Camera extrinsics: where the camera is, from points of a known model and their pixels (thesis appendix A).
 
 Appendix A walks downhill on `E = |f(x) - y0|^2` with the Jacobian of the projection, from a guess, until it converges:
 Gauss-Newton, whatever its name (Jacobi's iteration for diagonally dominant systems, which it cites, is another thing).
@@ -26,24 +26,27 @@ from numpy.typing import ArrayLike
 from vision.geometry.camera_model import Extrinsics, Intrinsics, check_points
 from vision.geometry.frames import Array, rotation
 
-# A homography needs 4 points, a camera matrix 6.
 LEAST_FLAT_POINTS, LEAST_SOLID_POINTS = 4, 6
-# Third over second extent of the model: below the first it counts as flat, below the second it has no relief at all.
+"""A homography needs 4 points, a camera matrix 6."""
 FLAT_RATIO, NO_RELIEF_RATIO = 0.1, 1e-6
-# Second over first extent: below it, the points lie on a line.
+"""Third over second extent of the model: below the first it counts as flat, below the second it has no relief at
+all."""
 LINE_RATIO = 1e-3
-# Of the linear start, second smallest over largest singular value (normalised coordinates): below it, many starts fit.
+"""Second over first extent: below it, the points lie on a line."""
 LEAST_START_RATIO = 1e-3
-# Of the Jacobian, its columns at unit length: 1 to 60 for models worth the name, hundreds where they are nearly a line.
+"""Of the linear start, second smallest over largest singular value (normalised coordinates): below it, many starts
+fit."""
 MAX_CONDITION = 500.0
-# Converged: the next full step would move no point's picture further than this plus this share of the root of E. Much
-# below, E no longer shows in double precision whether a step went down.
+"""Of the Jacobian, its columns at unit length: 1 to 60 for models worth the name, hundreds where they are nearly a
+line."""
 STEP_PX, STEP_SHARE = 1e-6, 1e-7
+"""Converged: the next full step would move no point's image further than this plus this share of the root of E. Much
+below, E no longer shows in double precision whether a step went down."""
 MAX_ITERATIONS, MAX_DAMPING = 200, 1e12
-# Two minima are different poses from here on, and equally good if E differs by less than this many sigma squared.
 DIFFERENT_DEG, EQUAL_SIGMA2 = 0.01, 9.0
-# Nearer than this to theta_y = +-90 deg the single angles mean nothing.
+"""Two minima are different poses from here on, and equally good if E differs by less than this many sigma squared."""
 LEAST_COS_Y = 1e-6
+"""Nearer than this to theta_y = +-90 deg the single angles mean nothing."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +107,7 @@ def fit_extrinsics(
     sigma_px: float | None = None,
     start: Extrinsics | None = None,
 ) -> ExtrinsicsFit:
-    """Find the extrinsics that show the model's points at the pixels seen (appendix A: least squares in the picture).
+    """Find the extrinsics that show the model's points at the pixels seen (appendix A: least squares in the image).
 
     points_um (N, 3) in the world, points_px (N, 2) in the same order. At least 4 points if they are flat (relief below
     a tenth of their extent), else 6. sigma_px: noise of one coordinate, if known; else the residuals tell it, which few
@@ -129,12 +132,12 @@ def fit_extrinsics(
         jacobian, condition = _check_condition(task, best)
     variance = best.cost / dof if sigma_px is None else sigma_px**2
     return ExtrinsicsFit(
-        Extrinsics.from_matrix(best.r, best.c * size - best.r @ mean),
-        _covariance(jacobian, variance, best.r @ mean, size),
-        math.sqrt(best.cost / len(pixels)),
-        math.sqrt(variance),
-        condition,
-        best.iterations,
+        extrinsics=Extrinsics.from_matrix(best.r, best.c * size - best.r @ mean),
+        turn_covariance=_covariance(jacobian, variance, best.r @ mean, size),
+        rms_px=math.sqrt(best.cost / len(pixels)),
+        sigma_px=math.sqrt(variance),
+        condition=condition,
+        iterations=best.iterations,
     )
 
 
@@ -270,7 +273,7 @@ def _best(task: _Task, begin: list[_Pose]) -> _Pose:
 def _check_tilt(task: _Task, best: _Pose, variance: float) -> _Pose:
     """Return the better of the two tilts of a flat model, or refuse if both fit equally well.
 
-    From afar, mirroring the model in the plane across the line of sight changes little in the picture; a flat model
+    From afar, mirroring the model in the plane across the line of sight changes little in the image; a flat model
     can be turned into its mirror image.
     """
     sight, flat_axis = best.c / np.linalg.norm(best.c), task.axes[2]

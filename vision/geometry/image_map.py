@@ -1,6 +1,6 @@
-"""What every map from the image to the robot takes and gives, whatever it keeps inside (thesis 6.2, 6.3).
+"""Interface of the maps from the image to the robot: what each takes and gives (thesis 6.2, 6.3).
 
-Two maps stand behind `ImageMap`: `posemap` (a planar projective model) and `polarmap` (the thesis' array).
+Two maps stand behind `ImageMap`: `pose_map` (a planar projective model) and `polar_map` (the thesis' array).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The picture of a plane as seen square on: distances in it are linear (thesis 3.3, figures 3.5, 3.7 and 3.8).
+"""Orthophoto: a plane as seen square on, so that distances in it are linear (thesis 3.3, figures 3.5, 3.7 and 3.8).
 
 The thesis regenerates it "using a 2D rigid transformation" (eq. 3.23). That cannot be: a rigid transformation keeps the
 perspective of an oblique view. What removes it is the homography of the plane, `K (r1 r2 r3 z + t)` from eq. 3.24.
@@ -16,12 +16,12 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vision.core.image import Bgr, check_bgr
+from vision.core import Bgr, check_bgr
 from vision.geometry.camera_model import Extrinsics, Intrinsics, check_points
 from vision.geometry.frames import Array
 
-# OpenCV's warp takes no longer side than this, and no one looks at more pixels.
 LONGEST_SIDE_PX, MOST_PIXELS = 32_000, 100_000_000
+"""OpenCV's warp takes no longer side than this, and no one looks at more pixels."""
 
 
 @dataclass(frozen=True)
@@ -70,10 +70,10 @@ def make_orthophoto(
     lie on its left and upper edge. scale_px_per_um should be no coarser than the camera's own, or fine detail aliases:
     pixels are interpolated (bilinear), not averaged.
 
-    Raises ValueError for another array, an area or scale that is not finite and positive, a picture too large, or an
+    Raises ValueError for another array, an area or scale that is not finite and positive, an image too large, or an
     area that the camera does not see at all or that reaches behind it.
     """
-    frame = check_bgr(bgr)
+    image = check_bgr(bgr)
     x, y, width, height = area_um
     if not (all(map(math.isfinite, (*area_um, scale_px_per_um, z_um))) and min(width, height, scale_px_per_um) > 0.0):
         raise ValueError(
@@ -81,18 +81,18 @@ def make_orthophoto(
         )
     # The small addition keeps an area of a whole number of pixels whole.
     columns, rows = (int(min(side * scale_px_per_um + 1e-6, 1e9)) + 1 for side in (width, height))
-    if max(columns, rows, *frame.shape) > LONGEST_SIDE_PX or columns * rows > MOST_PIXELS:
+    if max(columns, rows, *image.shape) > LONGEST_SIDE_PX or columns * rows > MOST_PIXELS:
         raise ValueError(f"{columns} x {rows} px are too many; take a smaller area or fewer px per um")
     pitch_um, top_um = 1.0 / scale_px_per_um, y + height
     to_plane = np.array([[pitch_um, 0.0, x], [0.0, -pitch_um, top_um], [0.0, 0.0, 1.0]])
     with np.errstate(over="ignore", invalid="ignore"):
-        to_frame = plane_homography(intrinsics, extrinsics, z_um) @ to_plane
-        corners = to_frame @ [[0, columns, 0, columns], [0, 0, rows, rows], [1, 1, 1, 1]]
+        to_image = plane_homography(intrinsics, extrinsics, z_um) @ to_plane
+        corners = to_image @ [[0, columns, 0, columns], [0, 0, rows, rows], [1, 1, 1, 1]]
     # Depth is linear on a plane: what holds at the corners holds within.
-    if not (np.isfinite(to_frame).all() and (corners[2] > 0.0).all()):
+    if not (np.isfinite(to_image).all() and (corners[2] > 0.0).all()):
         raise ValueError("the area reaches behind the camera; check the pose and take a smaller area")
-    picture = _warp(frame, to_frame, (columns, rows))
-    seen = _warp(np.full(frame.shape[:2], 255, dtype=np.uint8), to_frame, (columns, rows)) == 255
+    picture = _warp(image, to_image, (columns, rows))
+    seen = _warp(np.full(image.shape[:2], 255, dtype=np.uint8), to_image, (columns, rows)) == 255
     if not seen.any():
         raise ValueError("the camera does not see this area; check the pose and the area")
     return Orthophoto(picture, seen, (float(x), float(top_um)), float(scale_px_per_um), float(z_um))

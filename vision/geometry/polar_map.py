@@ -1,16 +1,16 @@
-"""The thesis' own map from the image to the robot: an array of (d_im, omega) -> (d_w, gamma), eq. 6.3..6.6.
+"""Polar map, the thesis' own from the image to the robot: an array of (d_im, omega) -> (d_w, gamma), eq. 6.3..6.6.
 
-For each head angle of the calibration a row; for each of some directions omega in the picture a column. An element
+For each head angle of the calibration a row; for each of some directions omega in the image a column. An element
 keeps what one pixel in that direction is in um (distances are taken in proportion) and the direction gamma in which the
 head has to go. What lies between is interpolated bilinearly, in theta and omega: the distance as it stands, the
 direction on the circle, kept relative to the head so that theta turns it between the rows.
 
 Angles. The thesis prints omega = arctan(x_e / x_g) (eq. 6.5); its table 6.2 shows what was computed: atan(dx / dy) of
 d = x_e - x_g, which cannot tell a direction from its opposite. Here omega = atan2(dx, dy) of the way from the place
-below the tip to the target, full circle: 0 is down in the picture, 90 deg is right, so that it grows counter-clockwise
+below the tip to the target, full circle: 0 is down in the image, 90 deg is right, so that it grows counter-clockwise
 as gamma does and gamma - omega is nearly constant, as in the table (pi / 2). gamma is atan2(dy, dx) in the robot frame.
 
-It knows nothing of perspective, and where it has few rows or columns it knows little; `posemap` beside it is what the
+It knows nothing of perspective, and where it has few rows or columns it knows little; `pose_map` beside it is what the
 station uses. Both stand behind `ImageMap`.
 """
 
@@ -39,7 +39,7 @@ NEAREST_PX = 1.0
 
 
 def direction_deg(away_px: Array) -> Any:
-    """Return omega, -180..180, of ways (2,) or (N, 2) in the picture; a number or (N,)."""
+    """Return omega, -180..180, of ways (2,) or (N, 2) in the image; a number or (N,)."""
     return np.degrees(np.arctan2(away_px[..., 0], away_px[..., 1]))
 
 
@@ -65,7 +65,7 @@ class PolarMap:
     work_z_um: float
 
     def below_px(self, height_um: float = 0.0) -> tuple[float, float]:
-        """Return the vector from the tip's picture to the place below it on a surface `height_um` above the nominal."""
+        """Return the vector from the tip's image to the place below it on a surface `height_um` above the nominal."""
         share = 1.0 - height_um / self.hover_um
         return self.below_tip_px[0] * share, self.below_tip_px[1] * share
 
@@ -172,9 +172,17 @@ def fit_polar_map(
     scatter_um = math.sqrt(squares / max(freedom, 1.0))
     tables = np.array([_row(angle, columns, scatter_um) for _, angle in rows])
     return PolarMap(
-        np.array([theta for theta, _ in rows]), tables[:, 0], tables[:, 1], tables[:, 2], below_tip_px, below_sigma_px,
-        hover_um, reach_um, math.sqrt(squares / count), work_z_um,
-    )  # fmt: skip
+        thetas_deg=np.array([theta for theta, _ in rows]),
+        um_per_px=tables[:, 0],
+        gamma_deg=tables[:, 1],
+        spread=tables[:, 2],
+        below_tip_px=below_tip_px,
+        below_sigma_px=below_sigma_px,
+        hover_um=hover_um,
+        radius_um=reach_um,
+        residual_um=math.sqrt(squares / count),
+        work_z_um=work_z_um,
+    )
 
 
 def _believable(px: Array, place_um: Array, theta_deg: float) -> NDArray[np.bool_]:
@@ -199,7 +207,7 @@ def _polar(away_px: Array, place_um: Array, theta_deg: float) -> _Angle:
     design = np.c_[np.ones(len(d_px)), away_px]
     pull = np.linalg.pinv(design * np.sqrt(weight)[:, None]) * np.sqrt(weight)
     affine = pull @ place_um
-    # The picture's y points down: a camera that is not flipped has a negative determinant, as omega goes with gamma.
+    # The image's y points down: a camera that is not flipped has a negative determinant, as omega goes with gamma.
     hand = 1.0 if np.linalg.det(affine[1:]) < 0.0 else -1.0
     clear = d_px >= NEAREST_PX
     _enough(int(clear.sum()), theta_deg)
@@ -213,7 +221,15 @@ def _polar(away_px: Array, place_um: Array, theta_deg: float) -> _Angle:
     ratio = np.linalg.norm(way_um, axis=1) / d_px
     landing_sigma = float(np.linalg.norm(pull[0])) / float(np.sqrt((d_px**2).mean()))
     width_deg = max(KERNEL_SHARE * 360.0 / len(d_px), float(gaps.max()) / 4)
-    return _Angle(omega_deg, ratio, _wrap(gamma_deg - hand * omega_deg), hand, d_px, width_deg, landing_sigma)
+    return _Angle(
+        omega_deg=omega_deg,
+        ratio=ratio,
+        turn_deg=_wrap(gamma_deg - hand * omega_deg),
+        hand=hand,
+        d_px=d_px,
+        width_deg=width_deg,
+        landing_sigma=landing_sigma,
+    )
 
 
 def _left(angle: _Angle) -> tuple[float, float]:

@@ -1,12 +1,12 @@
-"""The map from the image to the robot: a planar projective model, turned by theta (thesis 6.2, 6.3).
+"""Pose map from the image to the robot: a planar projective model, turned by theta (thesis 6.2, 6.3).
 
-Camera, needle and head are one rigid body, so at one working height a pixel always shows the same place *relative to
+Camera, probe and head are one rigid body, so at one working height a pixel always shows the same place *relative to
 the tip*: a homography takes pixels to um in the head frame, and theta turns those into the robot's. The thesis keeps
-the same relation as an array of (d_im, omega) -> (d_w, gamma), one per degree (eq. 6.4; here `polarmap`); a Cartesian
+the same relation as an array of (d_im, omega) -> (d_w, gamma), one per degree (eq. 6.4; here `polar_map`); a Cartesian
 XYZ-theta head is degenerate for hand-eye calibration, which is why none is attempted.
 
 The view is oblique. At working height the tip hovers `hover_um` above the nominal touching plane, and the place below
-it appears `below_tip_px` away from the tip's own picture: that vector is part of the map. On a board whose surface lies
+it appears `below_tip_px` away from the tip's own image: that vector is part of the map. On a board whose surface lies
 higher the tip hovers less, and the vector shrinks in proportion. (The scale grows as well, by the height over the
 camera's distance: under 0.2 % for 100 um, less than 1 um in a correction of 500 um. It is left out.)
 """
@@ -23,7 +23,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vision.geometry.frames import Array, rotation
-from vision.geometry.homography import HomographyFit, apply_homography, fit_homography, jacobian, parameter_jacobian
+from vision.geometry.homography import (
+    MIN_PAIRS,
+    HomographyFit,
+    apply_homography,
+    fit_homography,
+    jacobian,
+    parameter_jacobian,
+)
 from vision.geometry.image_map import Correction, MapPoint, angle_groups, sightings_px, sightings_um
 
 __all__ = ["FORMAT", "Correction", "MapPoint", "PoseMap", "fit_pose_map", "worst_shrink"]
@@ -40,7 +47,7 @@ class PoseMap:
 
     homography: (3, 3), takes (x_px, y_px, 1) to head-frame um, its last element 1; only differences of mapped points
     are used, so its origin is free. covariance: (8, 8), of its other elements row by row (pulled back from the fit, so
-    it belongs to pixels and um as they stand). below_tip_px: from the tip's picture to the place below it on the
+    it belongs to pixels and um as they stand). below_tip_px: from the tip's image to the place below it on the
     nominal touching plane, which is `hover_um` below the tip; below_sigma_px: one sigma of each of its coordinates.
     radius_um bounds the region in which the map was fitted, measured from the place below the tip. residual_um: root
     mean square distance that the fit left, mostly the scatter of the stops it was made from.
@@ -74,19 +81,19 @@ class PoseMap:
 
     @property
     def mirrored(self) -> bool:
-        """Whether the map turns a left hand into a right one: the camera delivers a flipped picture.
+        """Whether the map turns a left hand into a right one: the camera delivers a flipped image.
 
-        The robot's y points up where the picture's points down, so a camera above the board has det(d um / d px) < 0.
+        The robot's y points up where the image's points down, so a camera above the board has det(d um / d px) < 0.
         """
         return bool(np.linalg.det(self.homography) > 0.0)
 
     def below_px(self, height_um: float = 0.0) -> tuple[float, float]:
-        """Return the vector from the tip's picture to the place below it on a surface `height_um` above the nominal."""
+        """Return the vector from the tip's image to the place below it on a surface `height_um` above the nominal."""
         share = 1.0 - height_um / self.hover_um
         return self.below_tip_px[0] * share, self.below_tip_px[1] * share
 
     def height_from_shift_um(self, shift_px: ArrayLike) -> float:
-        """Return how far up a thing near the tip moved, relative to the head, from its shift in the picture (2,).
+        """Return how far up a thing near the tip moved, relative to the head, from its shift in the image (2,).
 
         What lies `hover_um` *below* the tip appears at +below_tip_px from it, so what moves d upwards shifts by
         -d / hover_um * below_tip_px. Only the shift's component along that vector counts; the rest is sideways. Raises
@@ -210,16 +217,25 @@ def fit_pose_map(
     below_um = apply_homography(fit.homography, np.add(tip_px, below_tip_px)[None, :])
     reach_um = float(np.linalg.norm(apply_homography(fit.homography, px) - below_um, axis=1).max())
     return PoseMap(
-        fit.homography, fit.covariance, below_tip_px, below_sigma_px, hover_um, reach_um, fit.rms_um, work_z_um
+        homography=fit.homography,
+        covariance=fit.covariance,
+        below_tip_px=below_tip_px,
+        below_sigma_px=below_sigma_px,
+        hover_um=hover_um,
+        radius_um=reach_um,
+        residual_um=fit.rms_um,
+        work_z_um=work_z_um,
     )
 
 
 def _fit(sightings: Sequence[MapPoint]) -> HomographyFit:
+    if not sightings:
+        raise ValueError(f"no sightings; the map needs at least {MIN_PAIRS}")
     px, place_um = sightings_px(sightings), sightings_um(sightings)
     theta_deg = np.array([s.theta_deg for s in sightings], dtype=float)
     if not (np.isfinite(px).all() and np.isfinite(place_um).all() and np.isfinite(theta_deg).all()):
         raise ValueError("a sighting is not finite")
-    away = np.zeros(2) if not len(px) else place_um.mean(axis=0) - place_um
+    away = place_um.mean(axis=0) - place_um
     um = np.array([rotation(-t) @ u for t, u in zip(theta_deg, away, strict=True)]).reshape(-1, 2)
     return fit_homography(px, um, angle_groups([float(t) for t in theta_deg]), theta_deg)
 

@@ -1,4 +1,4 @@
-"""A turn, a scale and a shift of the plane, and the least-squares fit that finds them (thesis eq. 3.23)."""
+"""Similarity transform: a turn, a scale and a shift of the plane, fitted by least squares (thesis eq. 3.23)."""
 
 from __future__ import annotations
 

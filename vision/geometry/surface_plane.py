@@ -1,6 +1,6 @@
-"""How high and how level the base, or a board on it, lies: a plane through heights measured at places (thesis 6.2).
+"""Surface plane: how high and how level the base, or a board on it, lies, from heights at places (thesis 6.2).
 
-The thesis compares the needle's picture at random places of the metal base; what one has to know afterwards is the
+The thesis compares the probe's image at random places of the metal base; what one has to know afterwards is the
 height at any place, how sure that is, and whether the base is flat at all.
 """
 
@@ -104,7 +104,16 @@ class Surface:
             residuals, covariance = (np.array(raw[name], dtype=float) for name in ("residuals_um", "covariance"))
             used = np.array(raw["used"], dtype=bool)
             x_um, y_um, reference_um, tilt_x, tilt_y = (float(raw[name]) for name in NUMBERS)
-            return cls(x_um, y_um, reference_um, tilt_x, tilt_y, residuals, used, covariance)
+            return cls(
+                x_um=x_um,
+                y_um=y_um,
+                reference_um=reference_um,
+                tilt_x_um_per_mm=tilt_x,
+                tilt_y_um_per_mm=tilt_y,
+                residuals_um=residuals,
+                used=used,
+                covariance=covariance,
+            )
         except (KeyError, TypeError, ValueError, IndexError, OverflowError) as exc:
             raise ValueError(f"not a surface: {exc}; measure the planarity again") from exc
 
@@ -112,7 +121,7 @@ class Surface:
 def fit_plane(places_um: ArrayLike, heights_um: ArrayLike, sigma_um: float | None = None) -> Surface:
     """Fit a plane to heights (N,) measured at places (N, 2), um; least squares after wrong places were left out.
 
-    One place in ten may be wrong by any amount (a chip under the needle, a misread picture): of six places or more, a
+    One place in ten may be wrong by any amount (a chip under the probe, a misread image): of six places or more, a
     tenth, at least one, is left out if it is farther from the plane of the others than chance would put it. `used`
     says which, and their residuals are kept: a hole in the base looks the same. `sigma_um`: one sigma of a measured
     height where it is known; the covariance never claims less than that, nor less than what the residuals show.
@@ -131,7 +140,16 @@ def fit_plane(places_um: ArrayLike, heights_um: ArrayLike, sigma_um: float | Non
     covariance = np.linalg.inv(design[used].T @ design[used]) * max(scatter, sigma_um or 0.0) ** 2
     height, tilt_x, tilt_y = (float(v) for v in plane)
     covariance = (covariance + covariance.T) / 2
-    return Surface(float(centre[0]), float(centre[1]), height, tilt_x, tilt_y, residuals, used, covariance)
+    return Surface(
+        x_um=float(centre[0]),
+        y_um=float(centre[1]),
+        reference_um=height,
+        tilt_x_um_per_mm=tilt_x,
+        tilt_y_um_per_mm=tilt_y,
+        residuals_um=residuals,
+        used=used,
+        covariance=covariance,
+    )
 
 
 def _check(places_um: ArrayLike, heights_um: ArrayLike, sigma_um: float | None) -> tuple[Array, Array]:
@@ -163,7 +181,7 @@ def _spread_out(places_mm: Array) -> bool:
 
 def _believable(design: Array, heights: Array, sigma_um: float) -> NDArray[np.bool_]:
     """Return (N,) bool, False for the places, a tenth at most, that chance alone would not put where they are."""
-    from scipy.special import stdtrit  # noqa: PLC0415  # as in `vision.disc`
+    from scipy.special import stdtrit  # noqa: PLC0415  # slow to load, see `vision.warm`
 
     n = len(design)
     every = np.ones(n, dtype=bool)

@@ -1,4 +1,4 @@
-"""The circle through the recorded head positions, and the rigid rotation along it (thesis figure 6.6).
+"""Circle through the recorded head positions, and the rigid rotation along it (thesis figure 6.6).
 
 Two questions that are easily taken for one: how round is the record (`fit_circle`, which asks nothing of the angles),
 and how well does a perfect head explain it (`fit_rotation`: one radius, angle = theta + constant). Appendix D is round

@@ -1,4 +1,4 @@
-"""From a rotational record to a head: rows of (theta, x, y) in, a judged model out (thesis 6.2, figure 6.6, eq. 6.8).
+"""Fit of a head to a rotational record: rows of (theta, x, y) in, a judged model out (thesis 6.2, figure 6.6, eq. 6.8).
 
 At each head angle the robot brings the tip onto one resting control point C and logs the head's position, so
 `P(theta) = C - offset(theta)`. All arrays are (N,), um and degrees, one row per angle. Each model is judged by
@@ -149,17 +149,17 @@ def _judged(best: _Candidate, theta: Array, points: Array, used: Flags) -> HeadF
     control = (float(best.control.real), float(best.control.imag))
     residuals = head_positions_um(best.head, control, theta) - points
     return HeadFit(
-        best.head,
-        best.kind,
-        best.order,
-        control,
-        circle,
-        residuals,
-        used,
-        rms(np.hypot(*residuals[used].T)),
-        rms(best.holdout_um),
-        float(best.holdout_um.max()),
-        largest_gap_deg(theta[used]),
+        head=best.head,
+        kind=best.kind,
+        order=best.order,
+        control_um=control,
+        circle=circle,
+        residuals_um=residuals,
+        used=used,
+        rms_um=rms(np.hypot(*residuals[used].T)),
+        holdout_rms_um=rms(best.holdout_um),
+        holdout_max_um=float(best.holdout_um.max()),
+        largest_gap_deg=largest_gap_deg(theta[used]),
     )
 
 

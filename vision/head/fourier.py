@@ -1,4 +1,4 @@
-"""A Fourier series in theta fitted to recorded places, with its leave-one-out errors in closed form.
+"""Fourier series in theta fitted to recorded places, with its leave-one-out errors in closed form.
 
 `place(theta) = sum of c_k exp(i k theta)`, k = -K..K, fitted by least squares with a mild prior: seen from the turning
 head the run-out (`place exp(-i theta)`, harmonic k - 1) is smooth, so a harmonic is held back by |k - 1|^3; the

@@ -1,11 +1,11 @@
-"""The head: where the tip is from the head's position, at every angle (thesis 6.2, figure 6.6, appendix D).
+"""Model of the head: tip minus head position, at every angle (thesis 6.2, figure 6.6, appendix D).
 
 Robot frame: right-handed, um, theta counter-clockwise about +Z in degrees. A perfect head moves the tip on a circle; a
 real one has run-out (appendix D's: 117 um rms, 363 um at most). Three kinds answer the same question behind one
-interface, `Head`: a circle, a Fourier series in theta, and the thesis' own array of residuals. `head_fit` makes them.
+interface, `Head`: a circle, a Fourier series in theta, and the thesis' own array of residuals. `fit` makes them.
 
 What no record tells: anything constant in the robot frame. It cannot be told from the control point's own place, so
-`head_fit` settles it by convention.
+`fit` settles it by convention.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class FourierHead:
     """A head as a complex Fourier series: `x + iy = sum of c_k exp(i k theta)`, k = -K..-1, 1..K.
 
     `coefficients_um` holds the 2K complex c_k in that order; k = 1 is the circle. `constant_um` is k = 0, which no
-    record can tell from the control point's place: it is a convention (`head_fit`). ValueError for an odd number of
+    record can tell from the control point's place: it is a convention (`fit`). ValueError for an odd number of
     coefficients or one that is not finite.
     """
 

@@ -1,4 +1,4 @@
-"""Which rows of a rotational record are wrong: a slipped axis, a control point mistaken, a digit mistyped.
+"""Outliers of a rotational record: a slipped axis, a control point mistaken, a digit mistyped.
 
 Forward search: rows are put aside, the worst by leave-one-out first, until a core is left that no outlier can have
 bent; then they come back one by one, the best first, as long as the series through the others explains them. A row

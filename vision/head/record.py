@@ -1,4 +1,4 @@
-"""What a rotational record must be before anything is fitted to it, and how it covers the turn."""
+"""Checks of a rotational record before anything is fitted to it, and how it covers the turn."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The total error of one rotational calibration, for maintenance (thesis eq. 6.7, 6.8, 6.9).
+"""Total error of one rotational calibration, for maintenance (thesis eq. 6.7, 6.8, 6.9).
 
 How the equations are read. With eq. 6.7 the error at one angle is the distance between where the head should have
 stood with the tip on the control point, x_R, and where it did, x_r,i. Eq. 6.8 sums the squares and takes the root at
@@ -6,7 +6,7 @@ the end. Eq. 6.9 says "more specifically" over which angles (the forbidden ones 
 distances under the root, whose unit would be the root of a micrometre: the square is missing. So both are one number,
 `total_um`. It grows with the number of angles, so `rms_um` stands beside it: only that may be compared between
 calibrations, and only that is worth a threshold. The thesis does not say what x_R is; take a perfect circle's
-positions to judge the mechanics, or an earlier calibration's to see drift (`head_fit.head_positions_um`).
+positions to judge the mechanics, or an earlier calibration's to see drift (`head_positions_um`).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Measure a disc, with or without a hole, on its pixels: the efficient estimate.
+"""Efficient measurement of a disc, with or without a hole, on its pixels.
 
-The model is the picture itself: levels inside and outside that may slope, one blur, one ellipse a disc. Gauss-Newton on
-the pixels within a few px of the edges, weighted robustly, so that a trace, a needle, dirt or a neighbour drop out. On
+The model is the image itself: levels inside and outside that may slope, one blur, one ellipse a disc. Gauss-Newton on
+the pixels within a few px of the edges, weighted robustly, so that a trace, a probe, dirt or a neighbour drop out. On
 white noise it comes within 1.0..1.5 times the Cramer-Rao bound (tests/bench/vision): it must also find the levels.
 """
 
@@ -12,33 +12,30 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.core.caliper import Floats, middle, solve_normal, spread, tukey
-from vision.core.circle_fit import Contour
-from vision.core.image import Plane
-from vision.core.view import View
+from vision.core import Contour, Floats, Plane, View, mad_sigma, quantile, solve_normal, tukey
 
 Flags = NDArray[np.bool_]
-# Pixels this near the rim tell of its place.
 EDGE_PX = 3.0
-# Pixels this near an edge are asked: the nearest tell of its place, the farther ones of how the levels slope.
+"""Pixels this near the rim tell of its place."""
 INSIDE_PX, OUTSIDE_PX = 7.0, 6.5
+"""Pixels this near an edge are asked: the nearest tell of its place, the farther ones of how the levels slope."""
 ROUNDS = 5
-# A pixel counts as badly explained up to this many levels.
 MOST_MISFIT = 25.0
-# Half a grey level is what rounding alone leaves.
+"""A pixel counts as badly explained up to this many levels."""
 LEAST_NOISE = 0.4
+"""Half a grey level is what rounding alone leaves."""
 LEAST_BLUR_PX, MOST_BLUR_PX = 0.35, 3.0
 START_BLUR_PX, BLUR_SIGMA_PX = 1.1, 0.4
 HOLE_STEP_SIGMA, SMALL_RADIUS_PX = 0.3, 10.0
-# Share of the pixels that must agree with the model.
 LEAST_AGREE = 0.5
+"""Share of the pixels that must agree with the model."""
 LEAST_PIXELS = 40
-# Levels may slope by about this share of the step in a px (1-sigma).
 LEVEL_SLOPE = 0.006
-# A step this small ends the search.
+"""Levels may slope by about this share of the step in a px (1-sigma)."""
 SETTLED_PX = 0.012
-# Interpolation, demosaicking and JPEG leave about this, whatever the noise.
+"""A step this small ends the search."""
 SYSTEMATIC_SIGMA_PX = 0.02
+"""Interpolation, demosaicking and JPEG leave about this, whatever the noise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +62,7 @@ class DiscFit:
 
 @dataclass(frozen=True, slots=True)
 class _Pixels:
-    """The chosen pixels: flattened offsets (u, v) from the picture's (x0, y0), and brightness, each (N,)."""
+    """The chosen pixels: flattened offsets (u, v) from the image's (x0, y0), and brightness, each (N,)."""
 
     u: Floats
     v: Floats
@@ -73,9 +70,9 @@ class _Pixels:
     per_flat: Floats  # image px per flattened px across the edge
 
 
-# Where each parameter stands in a state: levels outside and the step inwards (constant, along u, along v), blur,
-# radius, centre (u, v), second harmonic; then the hole's step, radius, centre.
 FLOOR, STEP, BLUR, RADIUS, SIZE, HOLE_SIZE = 0, 3, 6, 7, 12, 4
+"""Where each parameter stands in a state: levels outside and the step inwards (constant, along u, along v), blur,
+radius, centre (u, v), second harmonic; then the hole's step, radius, centre."""
 
 
 def measure_disc(
@@ -101,26 +98,26 @@ def measure_disc(
     residual = pixels.level - _linearise(pixels, state)[1]
     contour, bore = _contours(state)
     return DiscFit(
-        _in_picture(contour, disc, view),
-        None if bore is None else _in_picture(bore, disc, view),
-        _sigma(covariance[RADIUS + 1 : RADIUS + 3, RADIUS + 1 : RADIUS + 3], view),
-        0.0 if bore is None else _sigma(covariance[SIZE + 2 :, SIZE + 2 :], view),
-        float(state[STEP]),
-        0.0 if bore is None else float(state[SIZE]),
-        float(state[BLUR]),
-        noise,
-        agree,
-        float(np.sum(np.minimum(np.square(residual), MOST_MISFIT**2))),
+        contour=_in_image(contour, disc, view),
+        hole=None if bore is None else _in_image(bore, disc, view),
+        sigma_px=_sigma(covariance[RADIUS + 1 : RADIUS + 3, RADIUS + 1 : RADIUS + 3], view),
+        hole_sigma_px=0.0 if bore is None else _sigma(covariance[SIZE + 2 :, SIZE + 2 :], view),
+        step=float(state[STEP]),
+        hole_step=0.0 if bore is None else float(state[SIZE]),
+        blur_px=float(state[BLUR]),
+        noise=noise,
+        agree=agree,
+        misfit=float(np.sum(np.minimum(np.square(residual), MOST_MISFIT**2))),
     )
 
 
-def _in_picture(contour: Contour, disc: Contour, view: View) -> Contour:
+def _in_image(contour: Contour, disc: Contour, view: View) -> Contour:
     at = view.unflattening() @ np.array([contour.x_px, contour.y_px])
     return replace(contour, x_px=disc.x_px + float(at[0]), y_px=disc.y_px + float(at[1]))
 
 
 def _sigma(covariance: Floats, view: View) -> float:
-    """Return the 1-sigma of each picture coordinate of a centre known to `covariance` (2, 2) in flattened px."""
+    """Return the 1-sigma of each image coordinate of a centre known to `covariance` (2, 2) in flattened px."""
     linear = view.unflattening()
     variance = float(np.trace(linear @ covariance @ linear.T)) / 2.0
     return float(np.sqrt(max(variance, 0.0) + SYSTEMATIC_SIGMA_PX**2))
@@ -182,11 +179,11 @@ def _start(pixels: _Pixels, disc: Contour, hole: Contour | None) -> Floats | Non
         inside &= from_hole > 0.8
     if np.count_nonzero(inside) < 6 or np.count_nonzero(outside) < 6:
         return None
-    level, floor = middle(pixels.level[inside]), middle(pixels.level[outside])
+    level, floor = quantile(pixels.level[inside]), quantile(pixels.level[outside])
     if hole is not None:
         if not in_hole.any():
             return None
-        hole_step = level - middle(pixels.level[in_hole])
+        hole_step = level - quantile(pixels.level[in_hole])
     start = np.zeros(SIZE + (HOLE_SIZE if hole else 0))
     start[[FLOOR, STEP, BLUR]] = floor, level - floor, START_BLUR_PX
     start[RADIUS:SIZE] = disc.radius_px, 0.0, 0.0, disc.cos2_px, disc.sin2_px
@@ -255,7 +252,7 @@ def _iterate(pixels: _Pixels, start: Floats, view: View) -> tuple[Floats, Floats
     for turn in range(ROUNDS):
         design, model = _linearise(pixels, state)
         residual = pixels.level - model
-        noise = spread(residual, LEAST_NOISE)
+        noise = mad_sigma(residual, LEAST_NOISE)
         # The first model is a rough one: what it does not explain need not be dirt.
         weights = tukey(residual, noise * (1.0 if turn else 1.5))
         weighted = design * weights

@@ -1,4 +1,4 @@
-"""What the rules ask about a disc: its levels, its hole, how much of it is bright, what goes on beyond it."""
+"""Features of a disc for the rules: its levels, its hole, how much of it is bright, what goes on beyond it."""
 
 from __future__ import annotations
 
@@ -6,9 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vision.core.caliper import middle
-from vision.core.circle_fit import CircleFit, Contour
-from vision.core.edges import Edgels
+from vision.core import CircleFit, Contour, Edgels, quantile
 from vision.pads.disc_fit import DiscFit, measure_disc
 from vision.pads.hole import DIP_RADIUS_PX, find_hole, is_ring
 from vision.pads.neck import neck_width
@@ -16,17 +14,18 @@ from vision.pads.patch import cut_patch
 from vision.pads.rules import LEAST_VISIBLE, ROUND_COVERAGE, Hole, SeenObject
 from vision.pads.window import Window
 
-# Measured without its blur a hole lies below its pad by at least this share of the pad's step, in a small pad and in a
-# large one; a probe's mark does not.
 HOLE_STEP, LARGE_HOLE_STEP = 0.55, 0.75
-# The hole of a small pad must explain the pixels better by this much: chi square of four parameters, far out.
+"""Measured without its blur a hole lies below its pad by at least this share of the pad's step, in a small pad and in a
+large one; a probe's mark does not."""
 HOLE_EVIDENCE = 30.0
-# Edge points alone give an ellipse's ratio to about 0.05; a pad's is 0.785 or more.
+"""The hole of a small pad must explain the pixels better by this much: chi square of four parameters, far out."""
 PLAUSIBLE_RATIO = 0.68
-# Levels are taken where nothing can stand in front, if that is this share of the disc or more.
+"""Edge points alone give an ellipse's ratio to about 0.05; a pad's is 0.785 or more."""
 LEAST_CLEAR = 0.3
-# A measured disc that differs from its edge points by more than this (px, or share of the radius) is something else.
+"""Levels are taken where nothing can stand in front, if that is this share of the disc or more."""
 MOST_REFINED_PX, MOST_REFINED_SHARE = 1.0, 0.07
+"""A measured disc that differs from its edge points by more than this (px, or share of the radius) is something
+else."""
 
 
 def describe_disc(window: Window, edgels: Edgels, circle: CircleFit) -> SeenObject:
@@ -37,8 +36,8 @@ def describe_disc(window: Window, edgels: Edgels, circle: CircleFit) -> SeenObje
     if np.count_nonzero(clear & inside) < LEAST_CLEAR * np.count_nonzero(inside):
         clear = patch.free
     disc, ring = patch.level[inside & clear], patch.level[around & clear]
-    level = middle(disc, 0.65) if disc.size else 0.0
-    floor = middle(ring, 0.4) if ring.size else window.board_level
+    level = quantile(disc, 0.65) if disc.size else 0.0
+    floor = quantile(ring, 0.4) if ring.size else window.board_level
     idea, hole, measured = None, None, None
     if level > floor and _may_be_a_pad(circle):
         idea = find_hole(window, edgels, circle, patch, level - floor, level)

@@ -1,4 +1,4 @@
-"""TDEA: find the test points near the tip in a red-lit picture, by taking and throwing (thesis 5.4).
+"""Search for the test points near the tip in a red-lit image, by taking and throwing (TDEA, thesis 5.4).
 
 Circles are proposed, measured on raw pixels and run through the rules together with everything else that is bright.
 What is taken is a test point, what is thrown is not, and an undecided object near the tip is a fault, never a guess.
@@ -11,15 +11,26 @@ from typing import Any, Literal
 
 import numpy as np
 
-from vision.core.circle_fit import CircleFit
-from vision.core.edges import LEAST_SLOPE, Edgels, find_edgels
-from vision.core.image import Gray, check_bgr, check_exposure, check_point, red_signal
-from vision.core.not_found import NotFound, Reason
-from vision.core.view import UNKNOWN_VIEW, View
-from vision.pads.occluding_needle import LEAST_SLOPE as NEEDLE_SLOPE
-from vision.pads.occluding_needle import find_needle
+from vision.core import (
+    LEAST_SLOPE,
+    UNKNOWN_VIEW,
+    CircleFit,
+    Edgels,
+    Gray,
+    NotFound,
+    Reason,
+    View,
+    check_bgr,
+    check_exposure,
+    check_point,
+    find_edgels,
+    red_signal,
+)
+from vision.pads.occluding_probe import LEAST_SLOPE as PROBE_SLOPE
+from vision.pads.occluding_probe import find_probe
 from vision.pads.other_candidates import other_objects
 from vision.pads.round_candidates import round_objects
+from vision.pads.rule_name import RuleName
 from vision.pads.rules import (
     DOUBTFUL_RATIO,
     LEAST_VISIBLE,
@@ -33,39 +44,37 @@ from vision.pads.rules import (
     SeenObject,
     Verdict,
     Wanted,
-    angular,
     decide,
     is_clear,
     is_round,
     is_via,
-    stroke_end,
 )
 from vision.pads.window import Window, hide, open_window
-from vision.tip.find import Tip
-from vision.tip.probe_model import needle_outline
+from vision.tip import Tip, probe_outline
 
-# Room beside the largest pad for its edge and surroundings.
 MARGIN_PX = 8
-# Two candidates whose distances to the tip differ by less than this cannot be told apart by distance.
+"""Room beside the largest pad for its edge and surroundings."""
 AMBIGUOUS_PX = 3.0
-# Of two round things the smaller is compared with the other down to this share of its diameter.
+"""Two candidates whose distances to the tip differ by less than this cannot be told apart by distance."""
 LIKE_SIZE = 0.75
-# The needle's outline is trusted to this: its silhouette, its blur, and what it reflects onto.
-NEEDLE_MARGIN_PX = 1.8
-# The same of a needle that was found in the red picture itself.
-SEEN_NEEDLE_MARGIN_PX = 1.3
-# A frame taken without light stays below this everywhere; a bare board under red light does not.
+"""Of two round things the smaller is compared with the other down to this share of its diameter."""
+PROBE_MARGIN_PX = 1.8
+"""The probe's outline is trusted to this: its silhouette, its blur, and what it reflects onto."""
+SEEN_PROBE_MARGIN_PX = 1.3
+"""The same of a probe that was found in the red image itself."""
 DARK_LEVEL = 12.0
+"""An image taken without light stays below this everywhere; a bare board under red light does not."""
 LARGEST_RADIUS_PX = 200.0
-# What these rules throw may be ink, and ink of one print is equally bright to this share of its contrast.
-INK_RULES, INK_LIKENESS = frozenset({"thin", "elongated", "ragged", "stroke_end", "oval"}), 0.2
-# Two pads whose centres are nearer than this share of the sum of their radii would lie on each other. A doubtful one is
-# explained by a pad only if it lies within it.
+INK_RULES = frozenset({RuleName.THIN, RuleName.ELONGATED, RuleName.RAGGED, RuleName.STROKE_END, RuleName.OVAL})
+"""What these rules throw may be ink, and ink of one print is equally bright to this share of its contrast."""
+INK_LIKENESS = 0.2
 OVERLAP_SHARE, EXPLAINED_SHARE = 0.8, 0.55
-# An undecided circle of which this share of the contour is free may be a pad, should a pad be known to lie there.
+"""Two pads whose centres are nearer than this share of the sum of their radii would lie on each other. A doubtful one
+is explained by a pad only if it lies within it."""
 NEARLY_WHOLE = 0.8
-# It meets CAD's radius within this share (but at least this many px): the end of a trace is narrower than its pad.
+"""An undecided circle of which this share of the contour is free may be a pad, should a pad be known to lie there."""
 POSSIBLE_SHARE, POSSIBLE_SLACK_PX = 0.08, 0.5
+"""It meets CAD's radius within this share (but at least this many px): the end of a trace is narrower than its pad."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,9 +127,9 @@ class Seen:
         pad lies just there may still take it (`constellation.match_near`).
         """
         corner = self.window_px[0], self.window_px[1]
-        strokes = [item for item in self.thrown if followed and item.rule == stroke_end.__name__]
+        strokes = [item for item in self.thrown if followed and item.rule == RuleName.STROKE_END]
         return tuple(
-            replace(_point(item, corner), rule="at_known_place")
+            replace(_point(item, corner), rule=RuleName.AT_KNOWN_PLACE)
             for item in (*self.undecided, *strokes)
             if (circle := item.object.circle) is not None
             and circle.visible >= NEARLY_WHOLE
@@ -146,11 +155,11 @@ def find_test_points(
     view: View | None = None,
     rules: tuple[Rule, ...] = RULES,
 ) -> Seen:
-    """Find test points within `reach_px` of `around_px` (x, y) in a red frame (H, W, 3) uint8 BGR.
+    """Find test points within `reach_px` of `around_px` (x, y) in a red image (H, W, 3) uint8 BGR.
 
     expected_radius_px: the semi-major radius CAD expects, which replaces the thesis' classes (via 5..8 px, site
-    14..21 px) and widens the window. needle: where the needle is in this picture; what it hides is left out. view: how
-    obliquely the board is seen (default: the needle's direction and a ratio of 0.87; without a needle anything between
+    14..21 px) and widens the window. needle: where the probe is in this image; what it hides is left out. view: how
+    obliquely the board is seen (default: the probe's direction and a ratio of 0.87; without a probe anything between
     square and that). Good to about 0.05 px on whole pads, 0.3 px on half-hidden ones. `nearest` is NotFound with one of
     too_dark, saturated, out_of_frame, no_test_point, ambiguous, undecided. ValueError for a wrong array, a point or
     number that is not finite.
@@ -187,8 +196,8 @@ def _look(
     rules: tuple[Rule, ...],
 ) -> Seen:
     window = open_window(plane, (area[0], area[1]), around, view)
-    edgels = find_edgels(window.clean, LEAST_SLOPE if needle else NEEDLE_SLOPE)
-    window = _behind_needle(window, edgels, needle)
+    edgels = find_edgels(window.clean, LEAST_SLOPE if needle else PROBE_SLOPE)
+    window = _behind_probe(window, edgels, needle)
     strong = edgels.where(edgels.slope > LEAST_SLOPE).outside(window.hidden)
     circles = round_objects(window, strong, Wanted(radius, 0.0))
     decided = [decide(seen, _wanted(seen, circles, radius), rules) for seen in circles]
@@ -216,7 +225,7 @@ def _apart(decided: list[Decided]) -> list[Decided]:
     for item in sorted(decided, key=lambda item: (item.verdict is not Verdict.TAKE, -_trust(item))):
         taken = [other for other in kept if other.verdict is Verdict.TAKE]
         if item.verdict is not Verdict.THROW and any(_overlap(item, other, EXPLAINED_SHARE) for other in taken):
-            kept.append(replace(item, verdict=Verdict.THROW, rule="overlapped"))
+            kept.append(replace(item, verdict=Verdict.THROW, rule=RuleName.OVERLAPPED))
         else:
             kept.append(item)
     standing = [item for item in kept if item.verdict is not Verdict.THROW and item.object.circle is not None]
@@ -226,7 +235,7 @@ def _apart(decided: list[Decided]) -> list[Decided]:
         return (
             item
             if item.verdict is not Verdict.TAKE or alone
-            else replace(item, verdict=Verdict.PASS, rule="overlapping")
+            else replace(item, verdict=Verdict.PASS, rule=RuleName.OVERLAPPING)
         )
 
     return [judged(item) for item in kept]
@@ -241,7 +250,7 @@ def _traces_thrown(decided: list[Decided]) -> list[Decided]:
         if item.verdict is Verdict.THROW or circle is None or seen.dark_middle or circle.visible < LEAST_VISIBLE:
             return item
         on_pad = any(_overlap(item, pad, OVERLAP_SHARE) for pad in drilled)
-        return replace(item, verdict=Verdict.THROW, rule="trace_of_pad") if on_pad else item
+        return replace(item, verdict=Verdict.THROW, rule=RuleName.TRACE_OF_PAD) if on_pad else item
 
     return [judged(item) for item in decided]
 
@@ -253,7 +262,7 @@ def _is_drilled(seen: SeenObject) -> bool:
 
 def _angular_after_all(decided: list[Decided], regions: list[Decided]) -> list[Decided]:
     """Throw a doubtful circle that is only what fits into a rectangle: the region it lies in was thrown as one."""
-    rectangles = [item for item in regions if item.rule == angular.__name__]
+    rectangles = [item for item in regions if item.rule == RuleName.ANGULAR]
 
     def judged(item: Decided) -> Decided:
         circle = item.object.circle
@@ -264,7 +273,7 @@ def _angular_after_all(decided: list[Decided], regions: list[Decided]) -> list[D
             and box.object.thickness_px > 1.2 * circle.radius_px
             for box in rectangles
         )
-        return replace(item, verdict=Verdict.THROW, rule=angular.__name__) if lies_in else item
+        return replace(item, verdict=Verdict.THROW, rule=RuleName.ANGULAR) if lies_in else item
 
     return [judged(item) for item in decided]
 
@@ -279,7 +288,7 @@ def _drawn_after_all(decided: list[Decided], regions: list[Decided]) -> list[Dec
         if item.verdict is not Verdict.TAKE or circle is None or not seen.ring:
             return item
         doubtful = circle.visible < WHOLE_VISIBLE or abs(usual - seen.level) < INK_LIKENESS * seen.contrast
-        return replace(item, verdict=Verdict.PASS, rule="drawn_ring") if doubtful else item
+        return replace(item, verdict=Verdict.PASS, rule=RuleName.DRAWN_RING) if doubtful else item
 
     return [judged(item) for item in decided]
 
@@ -294,7 +303,7 @@ def _overlap(item: Decided, other: Decided, share: float) -> bool:
     if one.circle is None or two.circle is None:
         return False
     reach = share * (one.circle.radius_px + two.circle.radius_px)
-    # Seen obliquely, touching pads are nearer in the picture along the minor axis: the share leaves room for that.
+    # Seen obliquely, touching pads are nearer in the image along the minor axis: the share leaves room for that.
     return float(np.hypot(one.x_px - two.x_px, one.y_px - two.y_px)) < reach
 
 
@@ -314,13 +323,13 @@ def _wanted(seen: SeenObject, circles: list[SeenObject], radius: float | None) -
     return Wanted(radius, brightest.level, brightest.contrast) if brightest else Wanted(radius, 0.0)
 
 
-def _behind_needle(window: Window, edgels: Edgels, needle: Tip | None) -> Window:
-    """Return the window with what the needle covers hidden: the given needle, or the one that shows in this picture."""
+def _behind_probe(window: Window, edgels: Edgels, needle: Tip | None) -> Window:
+    """Return the window with what the probe covers hidden: the given probe, or the one that shows in this image."""
     if needle is not None:
         corner = np.array([window.x_px, window.y_px])
-        outline = needle_outline((needle.x_px, needle.y_px), needle.angle_rad, needle.shape, NEEDLE_MARGIN_PX)
+        outline = probe_outline((needle.x_px, needle.y_px), needle.angle_rad, needle.shape, PROBE_MARGIN_PX)
         return hide(window, outline - corner, certain=True)
-    seen = find_needle(edgels, window.around_px, UNKNOWN_VIEW.minor_rad, SEEN_NEEDLE_MARGIN_PX)
+    seen = find_probe(edgels, window.around_px, UNKNOWN_VIEW.minor_rad, SEEN_PROBE_MARGIN_PX)
     return window if seen is None else hide(window, seen.outline_px, certain=seen.certain)
 
 
@@ -344,16 +353,17 @@ def _point(item: Decided, corner: tuple[int, int]) -> TestPoint:
     kind: Literal["via", "site"] = "via" if is_via(item.object) else "site"
     at = pad if hole is None else (hole.x_px + corner[0], hole.y_px + corner[1])
     return TestPoint(
-        *at,
-        circle.radius_px,
-        kind,
-        pad,
-        None if hole is None else (*at, hole.radius_px),
-        circle.sigma_px if hole is None else hole.sigma_px,
-        circle.visible,
-        item.rule,
-        circle.ratio,
-        circle.minor_rad,
+        x_px=at[0],
+        y_px=at[1],
+        radius_px=circle.radius_px,
+        kind=kind,
+        pad_px=pad,
+        hole_px=None if hole is None else (*at, hole.radius_px),
+        sigma_px=circle.sigma_px if hole is None else hole.sigma_px,
+        visible=circle.visible,
+        rule=item.rule,
+        ratio=circle.ratio,
+        minor_rad=circle.minor_rad,
     )
 
 

@@ -1,26 +1,23 @@
-"""Find the hole in a pad: dark, round, near the middle; and tell what only looks like one."""
+"""Hole in a pad: dark, round, near the middle; and what only looks like one."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from vision.core.caliper import middle
-from vision.core.circle_fit import CircleFit, Contour, fit_circle
-from vision.core.edges import Edgels
-from vision.core.segment import components
+from vision.core import CircleFit, Contour, Edgels, components, fit_circle, quantile
 from vision.pads.patch import Patch
 from vision.pads.window import Window
 
-# A hole is darker than its pad by at least this share of the pad's contrast.
 HOLE_DEPTH = 0.30
-# A hole's radius as a share of its pad's, and how far a drill wanders; marks are smaller or lie anywhere.
+"""A hole is darker than its pad by at least this share of the pad's contrast."""
 HOLE_LEAST, HOLE_LARGEST, HOLE_WANDER = 0.12, 0.62, 0.32
-# Holes at least this large have a rim to lie on, visible for this share, of which this share shows an edge.
+"""A hole's radius as a share of its pad's, and how far a drill wanders; marks are smaller or lie anywhere."""
 HOLE_WITH_EDGE_PX, HOLE_VISIBLE, HOLE_COVERAGE = 3.6, 0.45, 0.55
-# A ring's inside is wider than this share of it and as bright as the board to this share of its step.
+"""Holes at least this large have a rim to lie on, visible for this share, of which this share shows an edge."""
 RING_SHARE, RING_LIKENESS = 0.44, 0.08
-# Of pads smaller than this the middle may be a hole though it is not dark: duller than the ring by this share.
+"""A ring's inside is wider than this share of it and as bright as the board to this share of its step."""
 DIP_RADIUS_PX, DIP_SHARE = 10.0, 0.12
+"""Of pads smaller than this the middle may be a hole though it is not dark: duller than the ring by this share."""
 
 
 def find_hole(
@@ -37,7 +34,7 @@ def find_hole(
         radius = float(np.sqrt(region.area_px / np.pi / circle.ratio))
         idea = Contour(x, y, max(radius, 1.0))
         if radius >= HOLE_WITH_EDGE_PX:
-            # A needle may stand before part of it: the hole is where a circle lies on its edge.
+            # A probe may stand before part of it: the hole is where a circle lies on its edge.
             rim = _hole_rim(window, edgels, idea)
             if rim is None:
                 continue
@@ -56,7 +53,7 @@ def is_ring(circle: CircleFit, patch: Patch, hole: Contour | None, floor: float,
     if hole is None or circle.radius_px < DIP_RADIUS_PX or hole.radius_px < RING_SHARE * circle.radius_px:
         return False
     within = patch.free & (patch.distance_px(hole.x_px, hole.y_px) < 0.7 * hole.radius_px)
-    return bool(within.any()) and abs(middle(patch.level[within]) - floor) < RING_LIKENESS * step
+    return bool(within.any()) and abs(quantile(patch.level[within]) - floor) < RING_LIKENESS * step
 
 
 def _hole_rim(window: Window, edgels: Edgels, idea: Contour) -> Contour | None:
@@ -84,7 +81,7 @@ def _dip(circle: CircleFit, patch: Patch, step: float) -> Contour | None:
     middle_part, ring = patch.free & (patch.rho < 0.45), patch.free & (patch.rho > 0.4) & (patch.rho < 0.75)
     if np.count_nonzero(middle_part) < 5 or np.count_nonzero(ring) < 8:
         return None
-    crest = middle(patch.level[ring], 0.7)
+    crest = quantile(patch.level[ring], 0.7)
     depth = np.where(middle_part, np.clip(crest - patch.level, 0.0, None), 0.0)
     if float(depth[middle_part].mean()) < DIP_SHARE * step:
         return None

@@ -1,6 +1,6 @@
-"""Propose circles: every edge point votes for the centres it could belong to.
+"""Circle proposals (Hough): every edge point votes for the centres it could belong to.
 
-Votes are only seeds; `circle.fit_circle` measures. Unlike whole objects, votes stand a needle across the pad, a trace
+Votes are only seeds; `circle.fit_circle` measures. Unlike whole objects, votes stand a probe across the pad, a trace
 leading away from it, a hole in it, and a neighbour that touches it.
 """
 
@@ -13,25 +13,23 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.core.caliper import middle
-from vision.core.edges import Edgels
-from vision.core.view import View
+from vision.core import Edgels, View, quantile
 
-# Share of a whole contour that must vote for a place before it is looked at, and that must then lie on one circle.
 LEAST_VOTE, LEAST_SHARE = 0.22, 0.38
-# Places looked at in each band of radii.
+"""Share of a whole contour that must vote for a place before it is looked at, and that must then lie on one circle."""
 MOST_PEAKS = 7
-# Fewer edge points make no circle; circles up to this radius are told apart by 3 px, larger ones by 5.
+"""Places looked at in each band of radii."""
 LEAST_POINTS, SMALL_PX = 6, 9.0
-# A second circle about the same centre shows at least this much of what the first does.
+"""Fewer edge points make no circle; circles up to this radius are told apart by 3 px, larger ones by 5."""
 MOST_RADII, SECOND_SHARE = 2, 0.5
-# An edge points at its circle's centre to this (cosine): noise, blur, and an ellipse of another ratio.
+"""A second circle about the same centre shows at least this much of what the first does."""
 LEAST_AIM = 0.85
+"""An edge points at its circle's centre to this (cosine): noise, blur, and an ellipse of another ratio."""
 
 
 @dataclass(frozen=True, slots=True)
 class Seed:
-    """Hold a proposed circle in picture pixels (radius semi-major) and the share of its contour that shows."""
+    """Hold a proposed circle in image pixels (radius semi-major) and the share of its contour that shows."""
 
     x_px: float
     y_px: float
@@ -40,7 +38,7 @@ class Seed:
 
 
 def seeds(edgels: Edgels, shape: tuple[int, int], bands_px: Iterable[tuple[float, float]], view: View) -> list[Seed]:
-    """Return bright discs proposed in a picture of `shape` (H, W), for each band (least, most radius), best first.
+    """Return bright discs proposed in an image of `shape` (H, W), for each band (least, most radius), best first.
 
     Of circles about one centre the outermost comes first: what lies inside of a disc belongs to it.
     """
@@ -120,7 +118,7 @@ class _Board:
             near = np.abs(radius - centre) < 1.5 + 0.06 * centre
             sectors = min(max(int(2.5 * centre), 12), 48)
             seen = np.unique(np.floor(angle[near] * (sectors / (2.0 * np.pi)))).size
-            found.append((middle(radius[near]) if seen else centre, min(seen / sectors, 1.0)))
+            found.append((quantile(radius[near]) if seen else centre, min(seen / sectors, 1.0)))
             shown[max(int(0.8 * best) - 1, 0) : int(1.25 * best) + 2] = 0.0
             best = int(np.argmax(shown))
         return found

@@ -1,14 +1,14 @@
-"""How wide is what goes on beyond a circle: a trace, a stroke of which it is the end, a pad that touches."""
+"""Neck of a circle: how wide is what goes on beyond it, be it a trace, a stroke that ends there, a pad that touches."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from vision.core.circle_fit import CircleFit
+from vision.core import CircleFit
 from vision.pads.window import Flags, Window
 
-# Where is looked for what goes on beyond a circle: on these rings, in radii, along so many rays.
 NECK_RINGS, NECK_RAYS, NECK_BESIDE = (1.15, 1.25, 1.35, 1.45), 72, 3
+"""Where is looked for what goes on beyond a circle: on these rings, in radii, along so many rays."""
 
 
 def neck_width(window: Window, circle: CircleFit, threshold: float) -> float:

@@ -1,4 +1,4 @@
-"""What the needle stands in front of: a pad there cannot be expected to be seen."""
+"""Occlusion by the probe: a pad behind it cannot be expected to be seen."""
 
 from __future__ import annotations
 
@@ -8,19 +8,18 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vision.tip.find import Tip
-from vision.tip.probe_model import needle_outline
+from vision.tip import Tip, probe_outline
 
 HIDDEN_SHARE = 0.2
-"""A pad of which the needle covers this much need not be found."""
+"""A pad of which the probe covers this much need not be found."""
 OUTLINE_MARGIN_PX = 3.0
 _RINGS = (0.0, 0.35, 0.7, 1.0)
 _SPOKES = 12
 
 
-def needle_hides(tip: Tip, places_px: ArrayLike, radius_px: float) -> list[bool]:
-    """Tell for each place (N, 2) px whether the needle covers a good part of a pad of `radius_px` there."""
-    outline = needle_outline((tip.x_px, tip.y_px), tip.angle_rad, tip.shape, OUTLINE_MARGIN_PX).astype(np.float32)
+def probe_hides(tip: Tip, places_px: ArrayLike, radius_px: float) -> list[bool]:
+    """Tell for each place (N, 2) px whether the probe covers a good part of a pad of `radius_px` there."""
+    outline = probe_outline((tip.x_px, tip.y_px), tip.angle_rad, tip.shape, OUTLINE_MARGIN_PX).astype(np.float32)
     spots = np.array(
         [
             (radius_px * r * math.cos(a), radius_px * r * math.sin(a))

@@ -1,4 +1,4 @@
-"""What is bright in the window but not round: strokes, rectangles, lettering, for the rules to throw by name."""
+"""Bright objects that are not round: strokes, rectangles, lettering, for the rules to throw by name."""
 
 from __future__ import annotations
 
@@ -7,21 +7,20 @@ from collections.abc import Iterable
 import cv2
 import numpy as np
 
-from vision.core.caliper import middle
-from vision.core.segment import Component, components, multi_otsu
+from vision.core import Component, components, multi_otsu, quantile
 from vision.pads.round_candidates import blackened
 from vision.pads.rules import SeenObject
 from vision.pads.window import Window
 
 CLASSES = 4
-# Brightness classes this little above the board are solder mask and what lies under it.
 LEAST_STEP = 25.0
-# Objects smaller than this are noise and not even listed.
+"""Brightness classes this little above the board are solder mask and what lies under it."""
 LEAST_LISTED_PX = 9
+"""Objects smaller than this are noise and not even listed."""
 
 
 def other_objects(window: Window, explained: Iterable[SeenObject]) -> list[SeenObject]:
-    """Return the bright objects that `explained` circles leave over, by brightness class from the top, in the frame."""
+    """Return the bright objects that `explained` circles leave over, by brightness class from the top, in the image."""
     done = blackened(window, explained)
     if not np.any(window.smooth[done == 0] > window.board_level + LEAST_STEP):
         return []
@@ -47,7 +46,7 @@ def _describe(window: Window, region: Component) -> SeenObject:
     mask = region.mask > 0
     rows, columns = np.nonzero(mask)
     at = x + float(np.mean(columns)), y + float(np.mean(rows))
-    level = middle(window.smooth[y : y + height, x : x + width][mask])
+    level = quantile(window.smooth[y : y + height, x : x + width][mask])
     floor, cut = _surroundings(window, region)
     in_needle = float(np.mean(window.maybe_hidden[y : y + height, x : x + width][mask]))
     return SeenObject(
@@ -82,6 +81,6 @@ def _surroundings(window: Window, region: Component) -> tuple[float, bool]:
     ring = (cv2.dilate(inner, np.ones((7, 7), dtype=np.uint8)) > 0) & (inner == 0)
     hidden = window.hidden[y1:y2, x1:x2]
     near = window.smooth[y1:y2, x1:x2][ring & ~hidden]
-    floor = middle(near, 1.0 / 3.0) if near.size else window.board_level
+    floor = quantile(near, 1.0 / 3.0) if near.size else window.board_level
     at_border = x <= 1 or y <= 1 or x + width >= window.shape[1] - 1 or y + height >= window.shape[0] - 1
     return floor, at_border

@@ -1,4 +1,4 @@
-"""The pixels in and round a disc, laid out by their distance from its centre."""
+"""Pixels in and round a disc, laid out by their distance from its centre."""
 
 from __future__ import annotations
 
@@ -6,9 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vision.core.caliper import Floats
-from vision.core.circle_fit import CircleFit
-from vision.core.image import Plane
+from vision.core import CircleFit, Floats, Plane
 from vision.pads.window import Flags, Window
 
 

@@ -1,4 +1,4 @@
-"""Find the round things in the window and measure what the rules ask about them."""
+"""Round objects of the window, with what the rules ask about them."""
 
 from __future__ import annotations
 
@@ -9,9 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.core.circle_fit import CircleFit, Contour, fit_circle
-from vision.core.edges import Edgels
-from vision.core.view import View
+from vision.core import CircleFit, Contour, Edgels, View, fit_circle
 from vision.pads.features import describe_disc
 from vision.pads.hough_seeds import seeds
 from vision.pads.rules import (
@@ -28,20 +26,20 @@ from vision.pads.rules import (
 )
 from vision.pads.window import Window
 
-# A circle with edge on less than this of its visible contour is not even a doubtful one.
 LISTED_COVERAGE = 0.45
-# A doubtful circle in a region this many times its own area belongs to that region.
+"""A circle with edge on less than this of its visible contour is not even a doubtful one."""
 LARGER_SHARE = 1.6
-# A whole circle tells the shape of the others beside it to this share of the radius, if as much edge lies on it.
+"""A doubtful circle in a region this many times its own area belongs to that region."""
 REFERENCE_SIGMA, TOLD_COVERAGE = 0.015, 0.9
-# Two measurements of one circle agree to this, px, and three sigma.
+"""A whole circle tells the shape of the others beside it to this share of the radius, if as much edge lies on it."""
 AGREE_PX = 0.1
-# A circle with edge on this share of its visible contour is not thrown with the region it lies in.
+"""Two measurements of one circle agree to this, px, and three sigma."""
 NEARLY_ROUND = 0.62
-# Circles touch whose centres are nearer than this share of the sum of their radii.
+"""A circle with edge on this share of its visible contour is not thrown with the region it lies in."""
 TOUCH_SHARE = 1.25
-# What lies this near a whole circle is the other's blur.
+"""Circles touch whose centres are nearer than this share of the sum of their radii."""
 TOUCHING_PX = 2
+"""What lies this near a whole circle is the other's blur."""
 
 
 def round_objects(window: Window, edgels: Edgels, wanted: Wanted) -> list[SeenObject]:
@@ -71,7 +69,7 @@ def round_objects(window: Window, edgels: Edgels, wanted: Wanted) -> list[SeenOb
 
 
 def blackened(window: Window, discs: Iterable[SeenObject], margin_px: int = 3) -> NDArray[np.uint8]:
-    """Return a mask (0/1) of what needs no further look: the needle and the given discs (in the window's pixels)."""
+    """Return a mask (0/1) of what needs no further look: the probe and the given discs (in the window's pixels)."""
     done = window.hidden.astype(np.uint8)
     for seen in discs:
         if seen.circle is not None:
@@ -85,7 +83,7 @@ def blackened(window: Window, discs: Iterable[SeenObject], margin_px: int = 3) -
 def _without_doubt(window: Window, edgels: Edgels, seen: SeenObject) -> SeenObject:
     """Return a circle as it is where nothing can stand before it, unless what may be hidden says the same.
 
-    The edge of a needle across a pad lies near the pad's own: where they disagree, the pad's is the one far from it.
+    The edge of a probe across a pad lies near the pad's own: where they disagree, the pad's is the one far from it.
     """
     circle = seen.circle
     if circle is None:
@@ -197,5 +195,5 @@ def _same(one: CircleFit, other: CircleFit | None) -> bool:
 
 
 def _in_frame(seen: SeenObject, window: Window) -> SeenObject:
-    """Return an object in the frame's pixels, its circle and hole still in the window's."""
+    """Return an object in the image's pixels, its circle and hole still in the window's."""
     return replace(seen, x_px=seen.x_px + window.x_px, y_px=seen.y_px + window.y_px)

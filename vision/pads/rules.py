@@ -1,8 +1,11 @@
-"""Take and throw: the ordered rules that say which objects are test points (thesis 5.4).
+"""Ordered rules that take, throw or pass an object: which bright things are test points (thesis 5.4).
 
-A rule is a small function from an object and what is wanted to TAKE, THROW or PASS. The first that does not pass
-decides and its name stays with the object. An object that every rule passes is undecided. There are no scores. To
-teach the station a new kind, add a function and its line in RULES; no other rule is touched.
+A rule is a small function from an object and what is wanted to TAKE, THROW or PASS. `decide` asks the rules in order
+and ends with the first TAKE or THROW; that verdict and the rule's name stay with the object. An object that every rule
+passes is undecided. There are no scores. This is the verdict on one object alone: `find_test_points` then compares the
+objects, and may leave undecided or throw what a rule took, and throw what was undecided. It never takes.
+To teach the station a new kind of pad, add a function, its name in `RuleName` and its line in `NAMES`; no other rule is
+touched.
 """
 
 from __future__ import annotations
@@ -11,51 +14,54 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 
-from vision.core.circle_fit import CircleFit
+from vision.core import CircleFit
+from vision.pads.rule_name import RuleName
 
-# Thesis 5.4.2 and 5.4.3, px. A measured radius may differ by the slack at either end.
 VIA_RADIUS_PX = (5.0, 8.0)
+"""Thesis 5.4.2 and 5.4.3, px. A measured radius may differ by the slack at either end."""
 SITE_RADIUS_PX = (14.0, 21.0)
 CLASS_SLACK_PX = 0.5
-# Of a partly hidden one it is known this much worse.
 HIDDEN_SLACK_PX = 0.5
-# Thesis 5.4.2 steps 4 and 5.
+"""Of a partly hidden one it is known this much worse."""
 LEAST_AREA_PX = 20.0
-THIN_RATIO, THIN_WIDTH_PX, THIN_LENGTH_PX = 5.0, 2.0, 10.0
-# A CAD radius is met within this share (but at least this many px).
+"""Thesis 5.4.2 step 5."""
+THIN_RATIO = 5.0
+"""Thesis 5.4.2 step 4. Its other limit, under 2 px wide and over 10 px long, lies within the ratio."""
 EXPECTED_SHARE, EXPECTED_SLACK_PX = 0.12, 1.0
-# Less than this above its surroundings is a trace under the mask, not metal.
+"""A CAD radius is met within this share (but at least this many px)."""
 FAINT_CONTRAST = 35.0
-# A contour is a circle if edges lie on this share of what is visible of it, more if part of it is hidden, and enough
-# of it is visible.
+"""Less than this above its surroundings is a trace under the mask, not metal."""
 ROUND_COVERAGE, HIDDEN_COVERAGE, LEAST_VISIBLE = 0.67, 0.72, 0.50
-# A circle seen by a camera tilted by up to 38 degrees, and itself a little oval, is no more oval than this (minor over
-# major axis), and where part of its contour is missing not even so; what is clearly more oval is none, if this share
-# of it is visible.
+"""A contour is a circle if edges lie on this share of what is visible of it, more if part of it is hidden, and enough
+of it is visible."""
 LEAST_RATIO, DOUBTFUL_RATIO, OVAL_RATIO, WHOLE_SHAPE = 0.75, 0.785, 0.70, 0.75
-# What the others' brightness is held against is round all over and stands alone.
+"""A circle seen by a camera tilted by up to 38 degrees, and itself a little oval, is no more oval than this (minor over
+major axis), and where part of its contour is missing not even so; what is clearly more oval is none, if this share of
+it is visible."""
 CLEAR_COVERAGE, CLEAR_NECK = 0.9, 0.4
-# A square of rounded corners has a fourth harmonic of 0.05 to 0.08 of its radius; ragged discs have less.
+"""What the others' brightness is held against is round all over and stands alone."""
 MOST_SQUARE, SQUARE_NOISE_PX = 0.045, 0.05
+"""A square of rounded corners has a fourth harmonic of 0.05 to 0.08 of its radius; ragged discs have less."""
 CORNERED, CORNERED_NOISE_PX = 0.06, 0.1
-# Residual noise of a disc over its step: what is noisier is drawn by chance.
 MOST_NOISE = 0.25
-# Metal much duller than the brightest round thing beside it may be silkscreen: not taken, not thrown. A circle of which
-# part is hidden must stand out as the brightest does: a stroke of silkscreen cut off by the needle looks like one.
+"""Residual noise of a disc over its step: what is noisier is drawn by chance."""
 DULL_SHARE, DULL_CONTRAST_SHARE = 0.55, 0.75
+"""Metal much duller than the brightest round thing beside it may be silkscreen: not taken, not thrown. A circle of
+which part is hidden must stand out as the brightest does: a stroke of silkscreen cut off by the probe looks like
+one."""
 DULL_STROKE_SHARE = 0.8
 WHOLE_VISIBLE = 0.9
-# A disc fills 0.785 of the smallest rectangle round it; what fills more than this is one.
 ANGULAR_FILL = 0.84
-# What goes on beyond a circle as wide as this share of its diameter is a stroke of which the circle is only the end;
-# a trace is narrower than its pad, and a touching pad narrows to nothing where they meet.
+"""A disc fills 0.785 of the smallest rectangle round it; what fills more than this is one."""
 STROKE_NECK = 0.86
-# Between this and that it may be either, so it is not taken.
+"""What goes on beyond a circle as wide as this share of its diameter is a stroke of which the circle is only the end; a
+trace is narrower than its pad, and a touching pad narrows to nothing where they meet."""
 WIDEST_TRACE = 0.74
-# Of an object that is the needle, at least this share lies where one may be.
-NEEDLE_SHARE = 0.6
-# Of a taken pad, hole aside, at least this share is bright.
+"""Between this and that it may be either, so it is not taken."""
+PROBE_SHARE = 0.6
+"""Of an object that is the probe, at least this share lies where one may be."""
 LEAST_FILL = 0.75
+"""Of a taken pad, hole aside, at least this share is bright."""
 
 
 class Verdict(StrEnum):
@@ -83,7 +89,7 @@ class SeenObject:
     length_px, thickness_px: sides of the smallest rectangle round it. circularity: Heywood's, perimeter over that of a
     disc of the same area (1 = round). boxed: share of that rectangle it fills. fill: bright share of its circle.
     level, contrast: its median brightness, and that above its surroundings. neck: width of the widest bright thing that
-    goes on beyond its circle, over the circle's diameter (0 = nothing). in_needle: share of it where an unknown needle
+    goes on beyond its circle, over the circle's diameter (0 = nothing). in_needle: share of it where an unknown probe
     may be. ring: its hole is wide and shows the board, as in a drawn circle. dark_middle: something dark and round lies
     in its middle, a hole though it may be too small to be measured. circle, hole: measured on raw pixels.
     """
@@ -131,7 +137,7 @@ class Wanted:
 
 @dataclass(frozen=True, slots=True)
 class Decided:
-    """Hold an object, the verdict, and the name of the rule that gave it ("no_rule" if none did)."""
+    """Hold an object, the verdict, and what gave it: a `RuleName`, or the function name of a rule from outside."""
 
     object: SeenObject
     verdict: Verdict
@@ -153,14 +159,13 @@ def faint(seen: SeenObject, _wanted: Wanted) -> Verdict:
 
 def thin(seen: SeenObject, _wanted: Wanted) -> Verdict:
     """Throw lines (5.4.2 step 4)."""
-    long_and_narrow = seen.thickness_px < THIN_WIDTH_PX and seen.length_px > THIN_LENGTH_PX
     ratio = seen.length_px / max(seen.thickness_px, 1e-6)
-    return Verdict.THROW if seen.circle is None and (long_and_narrow or ratio > THIN_RATIO) else Verdict.PASS
+    return Verdict.THROW if seen.circle is None and ratio > THIN_RATIO else Verdict.PASS
 
 
 def needle(seen: SeenObject, _wanted: Wanted) -> Verdict:
-    """Throw what lies where the needle comes in and is no circle: it is the needle, which nobody described."""
-    return Verdict.THROW if seen.circle is None and seen.in_needle > NEEDLE_SHARE else Verdict.PASS
+    """Throw what lies where the needle comes in and is no circle: it is the probe, which nobody described."""
+    return Verdict.THROW if seen.circle is None and seen.in_needle > PROBE_SHARE else Verdict.PASS
 
 
 def wrong_size(seen: SeenObject, wanted: Wanted) -> Verdict:
@@ -179,7 +184,7 @@ def stroke_end(seen: SeenObject, wanted: Wanted) -> Verdict:
     """Throw the round ends of strokes of silkscreen: they look like a filled via that goes on at its full width.
 
     A neck nearly as wide belongs to a stroke too when the whole is duller than the metal beside it. Lettering has no
-    drilled holes: with one, it is a via, however wide its trace. Behind a needle it may be a pad that touches.
+    drilled holes: with one, it is a via, however wide its trace. Behind a probe it may be a pad that touches.
     """
     if seen.circle is None or seen.hole is not None or seen.circle.visible < WHOLE_SHAPE:
         return Verdict.PASS
@@ -254,34 +259,43 @@ def ragged(seen: SeenObject, _wanted: Wanted) -> Verdict:
     return Verdict.THROW if seen.circle is None and seen.circularity > 1.6 else Verdict.PASS
 
 
-RULES: tuple[Rule, ...] = (
-    small,
-    faint,
-    thin,
-    border,
-    needle,
-    wrong_size,
-    stroke_end,
-    oval,
-    cornered,
-    via_with_hole,
-    via_filled,
-    site_with_hole,
-    site_filled,
-    elongated,
-    angular,
-    other_size,
-    ragged,
-)
+NAMES: dict[Rule, RuleName] = {
+    small: RuleName.SMALL,
+    faint: RuleName.FAINT,
+    thin: RuleName.THIN,
+    border: RuleName.BORDER,
+    needle: RuleName.NEEDLE,
+    wrong_size: RuleName.WRONG_SIZE,
+    stroke_end: RuleName.STROKE_END,
+    oval: RuleName.OVAL,
+    cornered: RuleName.CORNERED,
+    via_with_hole: RuleName.VIA_WITH_HOLE,
+    via_filled: RuleName.VIA_FILLED,
+    site_with_hole: RuleName.SITE_WITH_HOLE,
+    site_filled: RuleName.SITE_FILLED,
+    elongated: RuleName.ELONGATED,
+    angular: RuleName.ANGULAR,
+    other_size: RuleName.OTHER_SIZE,
+    ragged: RuleName.RAGGED,
+}
+"""The rules in the order in which they are asked, each with its name."""
+
+RULES: tuple[Rule, ...] = tuple(NAMES)
+"""The rules as `find_test_points` asks them; a caller may put others before or between them."""
 
 
 def decide(seen: SeenObject, wanted: Wanted, rules: tuple[Rule, ...] = RULES) -> Decided:
-    """Run an object through the rules; the first verdict other than PASS stands."""
+    """Ask the rules in order about an object; the first TAKE or THROW stands, else it is undecided (PASS)."""
     for rule in rules:
         verdict = rule(seen, wanted)
         if verdict is not Verdict.PASS:
-            return Decided(seen, verdict, rule.__name__)
-    return Decided(seen, Verdict.PASS, "no_rule")
+            return Decided(seen, verdict, name_of(rule))
+    return Decided(seen, Verdict.PASS, RuleName.NO_RULE)
+
+
+def name_of(rule: Rule) -> str:
+    """Return the name of a rule; of one that is not among `RULES`, its function's."""
+    return NAMES.get(rule) or rule.__name__
 
 
 def is_round(seen: SeenObject) -> bool:
@@ -324,7 +338,7 @@ def _square(circle: CircleFit) -> bool:
 
 
 def _dull(seen: SeenObject, circle: CircleFit, wanted: Wanted) -> bool:
-    """Tell whether an object is too dull for the metal of this picture; a partly hidden one must be as bright."""
+    """Tell whether an object is too dull for the metal of this image; a partly hidden one must be as bright."""
     if circle.visible < WHOLE_VISIBLE:
         return seen.contrast < DULL_CONTRAST_SHARE * wanted.brightest_contrast
     return seen.level < DULL_SHARE * wanted.brightest_level

@@ -1,4 +1,4 @@
-"""The part of a red frame round the tip that is looked at, and what of it something may stand in front of."""
+"""Search window: the part of a red image round the tip, and what of it something may stand in front of."""
 
 from __future__ import annotations
 
@@ -8,20 +8,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.core.caliper import middle
-from vision.core.image import Gray, Plane, despike, median
-from vision.core.view import View
+from vision.core import Gray, Plane, View, despike, median, quantile
 
 Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """Hold the part of the red frame that is looked at, each picture (H, W).
+    """Hold the part of the red image that is looked at, each image (H, W).
 
     clean: uint8, spikes removed, else as taken; raw: the same as float32; smooth: median-filtered, for shapes only.
-    hidden: what the needle covers. maybe_hidden: where a needle of which nothing is known may stand (all false when the
-    needle is known). x_px, y_px: pixel (0, 0) in the frame; board_level: brightness of the bare board; around_px: the
+    hidden: what the probe covers. maybe_hidden: where a probe of which nothing is known may stand (all false when the
+    probe is known). x_px, y_px: pixel (0, 0) in the image; board_level: brightness of the bare board; around_px: the
     tip, in the window's pixels.
     """
 
@@ -52,16 +50,27 @@ def open_window(plane: Gray, corner: tuple[int, int], around_px: tuple[float, fl
     smooth = median(clean, 3)
     around = around_px[0] - corner[0], around_px[1] - corner[1]
     nothing = np.zeros(clean.shape, dtype=np.bool_)
-    board = middle(smooth, 0.25)
-    return Window(clean, clean.astype(np.float32), smooth, nothing, nothing, corner[0], corner[1], board, around, view)
+    board = quantile(smooth, 0.25)
+    return Window(
+        clean=clean,
+        raw=clean.astype(np.float32),
+        smooth=smooth,
+        hidden=nothing,
+        maybe_hidden=nothing,
+        x_px=corner[0],
+        y_px=corner[1],
+        board_level=board,
+        around_px=around,
+        view=view,
+    )
 
 
 def hide(window: Window, outline: NDArray[np.float64], *, certain: bool) -> Window:
-    """Return the window with a needle's outline (N, 2), in the window's pixels, hidden, or maybe so."""
+    """Return the window with a probe's outline (N, 2), in the window's pixels, hidden, or maybe so."""
     cover = np.zeros(window.shape, dtype=np.uint8)
     cv2.fillPoly(cover, [np.rint(outline * 16.0).astype(np.int32)], (1,), shift=4)
     covered = cover > 0
     if not certain:
         return replace(window, maybe_hidden=covered)
     seen = window.smooth[~covered]
-    return replace(window, hidden=covered, board_level=middle(seen, 0.25) if seen.size else 0.0)
+    return replace(window, hidden=covered, board_level=quantile(seen, 0.25) if seen.size else 0.0)

@@ -1,8 +1,8 @@
-"""What the ground behind the needle does to the needle's edges; it may be darker than the metal, or brighter.
+"""Background of the probe: what it does to the probe's edges; it may be darker than the metal, or brighter.
 
-An edge is where the picture is steepest. The metal's own light changes from the edge inwards, which moves that place by
+An edge is where the image is steepest. The metal's own light changes from the edge inwards, which moves that place by
 g s^2 / A: g the slope of the metal's light next to the edge, A the step from the ground up to the metal, s the blur.
-Its sign turns with the step's: before a dark ground, where the needle was taught, the place lies inside the edge when
+Its sign turns with the step's: before a dark ground, where the probe was taught, the place lies inside the edge when
 the metal grows brighter inwards, before a ground brighter than the metal outside of it. Where the ground is as bright
 as the metal there is no edge, whatever is found there: such a row counts neither for nor against.
 """
@@ -14,29 +14,28 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.core.caliper import Floats
-from vision.core.image import Plane
+from vision.core import Floats, Plane
 from vision.tip.edges import EdgePoints
 from vision.tip.silhouette import Silhouette
-from vision.tip.strip import ProbeStrip, middle
+from vision.tip.strip import ProbeStrip, upper_median
 
-# How far inside the edge the metal's own slope is read, clear of the blurred step, and how much further once more: a
-# slope that grows inwards belongs to a highlight and says little of the edge.
 INSIDE_PX, FURTHER_PX = 4, 2
-# Rows narrower than this (half width) have no place to read it; theirs follows from the wider ones'.
+"""How far inside the edge the metal's own slope is read, clear of the blurred step, and how much further once more: a
+slope that grows inwards belongs to a highlight and says little of the edge."""
 LEAST_HALF_PX, LEAST_ROWS = 9.0, 3
-# Lens (1 px), smoothing across and sampling together, and the peak of a unit step's slope when blurred by it.
+"""Rows narrower than this (half width) have no place to read it; theirs follows from the wider ones'."""
 BLUR_PX = 1.35
+"""Lens (1 px), smoothing across and sampling together, and the peak of a unit step's slope when blurred by it."""
 STEEPEST = 0.4 / BLUR_PX
-# The ground of the taught picture, as a share of the metal next to the edge.
 TAUGHT_GROUND = 0.25
+"""The ground of the taught image, as a share of the metal next to the edge."""
 MOST_SHIFT_PX = 1.2
-# How far outside the edge the ground is read. Within this share of the metal's level it is as bright as the metal.
 OUTSIDE_PX, SAME_LEVEL = 5.0, 0.2
-# An edge with so large a step, as a share of the metal's level, is one whatever lies further out.
+"""How far outside the edge the ground is read. Within this share of the metal's level it is as bright as the metal."""
 STRONG_STEP = 0.35
-# So much of cylinder and of taper (0..1) has to stand before something else, or the ground is no excuse.
+"""An edge with so large a step, as a share of the metal's level, is one whatever lies further out."""
 LEAST_TOLD = 0.35
+"""So much of cylinder and of taper (0..1) has to stand before something else, or the ground is no excuse."""
 
 
 def corrected(strip: ProbeStrip, slope: Plane, points: EdgePoints, line: tuple[float, float]) -> EdgePoints:
@@ -57,8 +56,8 @@ def corrected(strip: ProbeStrip, slope: Plane, points: EdgePoints, line: tuple[f
         side = points.side[wide]
         at = np.rint(points.v_px[wide] - side * INSIDE_PX).astype(np.intp) + strip.reach_px
         further = at - np.rint(side * FURTHER_PX).astype(np.intp)
-        growth = _growth(*(middle(-side * half[wide] * slope[rows[wide], column]) for column in (at, further)))
-        metal = middle(strip.pixels[rows[wide], at])
+        growth = _growth(*(upper_median(-side * half[wide] * slope[rows[wide], column]) for column in (at, further)))
+        metal = upper_median(strip.pixels[rows[wide], at])
         before_dark = (1.0 - TAUGHT_GROUND) * max(metal, 1.0)
         shift[own] = growth / half[own] * BLUR_PX**2 * (STEEPEST / points.strength[own] + 1.0 / before_dark)
     shift = np.clip(shift, -MOST_SHIFT_PX, MOST_SHIFT_PX)
@@ -77,7 +76,7 @@ def without_blind(
 
     line, wider_px: where the outline lies, as in `edge_points`. A row with a strong edge stays: something else lies
     between. Where nearly all of the cylinder or of the taper would be left out, nothing is: what cannot be seen is not
-    taken for the needle.
+    taken for the probe.
     """
     row = np.minimum(np.searchsorted(outline.u_px, points.u_px), outline.u_px.size - 1)
     gone, left_out = np.zeros(points.u_px.size, dtype=bool), np.zeros(2, dtype=int)
@@ -112,6 +111,6 @@ def _blind(
         near = strip.pixels[rows[:, None], columns[:, None] + np.arange(-1, 2)]
         return np.asarray(near.mean(axis=1), dtype=np.float32)
 
-    metal = middle(levels(-float(INSIDE_PX))[inside & ~outline.on_taper])
+    metal = upper_median(levels(-float(INSIDE_PX))[inside & ~outline.on_taper])
     same = np.abs(levels(OUTSIDE_PX) - metal) < SAME_LEVEL * metal
     return np.asarray(inside & same, dtype=np.bool_), metal

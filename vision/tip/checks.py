@@ -1,52 +1,51 @@
-"""Is the measured needle the taught one? Each check finds out something that would make a wrong tip look right."""
+"""Checks of a measured probe against the taught one: each finds what would make a wrong tip look right."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.core.caliper import Floats
-from vision.core.not_found import NotFound, Reason
+from vision.core import Floats, NotFound, Reason
 from vision.tip.edges import EdgePoints
 from vision.tip.measure import MeasuredTip
 from vision.tip.probe_model import ProbeModel
 from vision.tip.shade import shade_px
 from vision.tip.side_checks import check_sides
-from vision.tip.strip import middle
+from vision.tip.strip import upper_median
 from vision.tip.verdicts import blurred, no_marking, wrong
 
-# Share of the calipers that must lie on the fitted silhouette.
 LEAST_SUPPORT = 0.5
-# A taper that shows both edges on so much more of its length (0..1) elsewhere than straight ahead is turned there;
-# one that shows fewer than the least straight ahead may point anywhere. Smaller turns are left to the fit.
+"""Share of the calipers that must lie on the fitted silhouette."""
 TURNED_LEAD, DOUBTFUL_LEAD, LEAST_TURN_DEG, LEAST_SHOWN_STRAIGHT = 0.25, 0.1, 3.5, 0.38
-# Share of the cylinder's length along which it may be as bright beyond its edge as within.
+"""A taper that shows both edges on so much more of its length (0..1) elsewhere than straight ahead is turned there; one
+that shows fewer than the least straight ahead may point anywhere. Smaller turns are left to the fit."""
 MOST_METAL_BEYOND = 0.9
-# Beside the marking a bright ground is at least so bright, as a share of what it is beside the metal.
+"""Share of the cylinder's length along which it may be as bright beyond its edge as within."""
 SAME_GROUND = 0.6
-# How far things may differ from what was taught before the needle counts as another or as damaged.
+"""Beside the marking a bright ground is at least so bright, as a share of what it is beside the metal."""
+# How far things may differ from what was taught before the probe counts as another or as damaged.
 TURN_LIMIT_DEG = 4.0
 BEND_LIMIT_PX = 2.0
 BEND_CERTAIN_SIGMAS = 4.0
 WIDTH_LIMIT_PX = 1.5
 MARKING_LENGTH_LIMIT_PX = 2.5
 SHIFTED_MARKING_LIMIT_PX, SHIFTED_BETWEEN_GROUNDS_PX = 3.5, 4.5
-# A glint may hide where the light ends along half of the taper.
 SHADE_LIMIT_PX, LEAST_SHADE_SHARE = 3.0, 0.35
+"""A glint may hide where the light ends along half of the taper."""
 LEAST_MARKING_CONTRAST = 0.35
 LEAST_RIM_AGREEMENT = 0.5
-# The upper rim need not be as sharp as the lower one, but it should be a rim.
 LEAST_UPPER_RIM = 0.4
-# Edge points a side of taper or cylinder needs before its own width means something.
+"""The upper rim need not be as sharp as the lower one, but it should be a rim."""
 LEAST_SIDE_POINTS = 10
+"""Edge points a side of taper or cylinder needs before its own width means something."""
 SIDES_AGREE_PX, SIDES_AGREE_SHARE = 4.0, 0.5
-# The rim's steepest slope over the step from marking to metal, 1/px: 0.22 at a lens blur of 1 px, 0.19 at 1.4 px,
-# 0.14 at 2.5 px (a Gaussian of the blur and the caliper's 1.5 px together).
 LEAST_SHARPNESS = 0.12
+"""The rim's steepest slope over the step from marking to metal, 1/px: 0.22 at a lens blur of 1 px, 0.19 at 1.4 px, 0.14
+at 2.5 px (a Gaussian of the blur and the caliper's 1.5 px together)."""
 
 
 def check_direction(angle_rad: float, model: ProbeModel) -> NotFound | None:
-    """Return why the needle's direction is not the taught one, or None."""
+    """Return why the probe's direction is not the taught one, or None."""
     turn = float(np.degrees(angle_rad - model.angle_rad))
     if abs(turn) <= TURN_LIMIT_DEG:
         return None
@@ -55,9 +54,9 @@ def check_direction(angle_rad: float, model: ProbeModel) -> NotFound | None:
     )
 
 
-def check_straight(needle: MeasuredTip, _: ProbeModel) -> NotFound | None:
+def check_straight(probe: MeasuredTip, _: ProbeModel) -> NotFound | None:
     """Return why the taper does not point where the cylinder does, or None."""
-    turn, free = needle.turn, needle.free
+    turn, free = probe.turn, probe.free
     if turn.turned > turn.straight + TURNED_LEAD and abs(turn.turn_deg) >= LEAST_TURN_DEG:
         return NotFound(
             Reason.BENT,
@@ -70,7 +69,7 @@ def check_straight(needle: MeasuredTip, _: ProbeModel) -> NotFound | None:
             Reason.BENT,
             f"the taper's axis misses the cylinder's by {free.bend_px:+.1f} px at the end: replace the needle",
         )
-    shown = (turn.edges + _taper_support(needle)) / 2.0
+    shown = (turn.edges + _taper_support(probe)) / 2.0
     if shown < LEAST_SHOWN_STRAIGHT:
         fact = f"the taper shows on only {100 * shown:.0f} % of its length where the cylinder points"
         if turn.turned > turn.straight + DOUBTFUL_LEAD:
@@ -79,46 +78,46 @@ def check_straight(needle: MeasuredTip, _: ProbeModel) -> NotFound | None:
     return None
 
 
-def first_problem(needle: MeasuredTip, model: ProbeModel) -> NotFound | None:
-    """Return the first thing that makes the measured needle another than the taught one, or None."""
+def first_problem(probe: MeasuredTip, model: ProbeModel) -> NotFound | None:
+    """Return the first thing that makes the measured probe another than the taught one, or None."""
     for check in (check_light, check_marking, check_straight, check_sides, check_shape):
-        problem = check(needle, model)
+        problem = check(probe, model)
         if problem is not None:
             return problem
     return None
 
 
-def check_light(needle: MeasuredTip, _: ProbeModel) -> NotFound | None:
-    """Return why the needle's picture cannot be measured, or None."""
-    if needle.contrast >= LEAST_MARKING_CONTRAST and needle.sharpness < LEAST_SHARPNESS:
-        return blurred(needle.sharpness, LEAST_SHARPNESS)
+def check_light(probe: MeasuredTip, _: ProbeModel) -> NotFound | None:
+    """Return why the probe's image cannot be measured, or None."""
+    if probe.contrast >= LEAST_MARKING_CONTRAST and probe.sharpness < LEAST_SHARPNESS:
+        return blurred(probe.sharpness, LEAST_SHARPNESS)
     return None
 
 
-def check_marking(needle: MeasuredTip, model: ProbeModel) -> NotFound | None:
+def check_marking(probe: MeasuredTip, model: ProbeModel) -> NotFound | None:
     """Return why the marking is not the taught one, or None."""
-    rim2 = needle.rim2
-    if needle.contrast < LEAST_MARKING_CONTRAST:
-        return no_marking(f"the marking is only {100 * needle.contrast:.0f} % darker than the metal")
+    rim2 = probe.rim2
+    if probe.contrast < LEAST_MARKING_CONTRAST:
+        return no_marking(f"the marking is only {100 * probe.contrast:.0f} % darker than the metal")
     if rim2.agreement < LEAST_RIM_AGREEMENT:
         return no_marking(f"the lower rim is seen on only {100 * rim2.agreement:.0f} % of the needle's width")
-    if needle.rim1_strength < LEAST_UPPER_RIM * rim2.strength:
+    if probe.rim1_strength < LEAST_UPPER_RIM * rim2.strength:
         return no_marking("the marking's upper rim is not where it was taught")
-    length = rim2.u_px - needle.rim1_u_px
+    length = rim2.u_px - probe.rim1_u_px
     if abs(length - model.shape.marking_px) > MARKING_LENGTH_LIMIT_PX:
         return no_marking(f"the marking is {length:.1f} px long, {model.shape.marking_px:.1f} px were taught")
     return None
 
 
-def _taper_support(needle: MeasuredTip) -> float:
+def _taper_support(probe: MeasuredTip) -> float:
     """Return the share (0..1) of the taper's calipers whose edge lies on the fit."""
-    used = needle.points.on_taper & (needle.axis.weights > 0.3)
-    return float(np.count_nonzero(used)) / max(needle.points.offered_on_taper, 1)
+    used = probe.points.on_taper & (probe.axis.weights > 0.3)
+    return float(np.count_nonzero(used)) / max(probe.points.offered_on_taper, 1)
 
 
-def check_shape(needle: MeasuredTip, model: ProbeModel) -> NotFound | None:
+def check_shape(probe: MeasuredTip, model: ProbeModel) -> NotFound | None:
     """Return why the silhouette is not the taught one, or None."""
-    axis = needle.axis
+    axis = probe.axis
     if axis.support < LEAST_SUPPORT:
         return wrong(f"only {100 * axis.support:.0f} % of the edge points lie on the taught silhouette")
     if abs(axis.cylinder_wider_px) > WIDTH_LIMIT_PX:
@@ -126,27 +125,27 @@ def check_shape(needle: MeasuredTip, model: ProbeModel) -> NotFound | None:
             Reason.WRONG_NEEDLE,
             f"the needle is {2 * axis.cylinder_wider_px:+.1f} px wider than the taught one: teach this needle",
         )
-    problem = check_shade(needle, model)
+    problem = check_shade(probe, model)
     if problem is not None:
         return problem
-    beyond = metal_beyond(needle, model)
+    beyond = metal_beyond(probe, model)
     if beyond > MOST_METAL_BEYOND:
         return wrong(f"the metal goes on beyond the taught edge along {100 * beyond:.0f} % of the cylinder")
-    moved, limit = _moved(needle, model)
+    moved, limit = _moved(probe, model)
     if abs(moved) > limit:
         return no_marking(f"the marking sits {moved:+.1f} px from where the taper's width says it was taught")
     return None
 
 
-def check_shade(needle: MeasuredTip, model: ProbeModel) -> NotFound | None:
-    """Return why the light on the dim side of a needle lit from one side ends elsewhere than taught, or None.
+def check_shade(probe: MeasuredTip, model: ProbeModel) -> NotFound | None:
+    """Return why the light on the dim side of a probe lit from one side ends elsewhere than taught, or None.
 
-    The other edge alone gives the axis of such a needle, so this is all that tells of its width.
+    The other edge alone gives the axis of such a probe, so this is all that tells of its width.
     """
     outline = model.outline
     if outline.shade_px is None:
         return None
-    shade = shade_px(needle.strip, (needle.axis.a_px, needle.axis.b), outline)
+    shade = shade_px(probe.strip, (probe.axis.a_px, probe.axis.b), outline)
     moved = shade - outline.shade_px
     for part in (outline.on_taper, ~outline.on_taper):
         share = float(np.mean(np.abs(moved[part]) < SHADE_LIMIT_PX))
@@ -156,15 +155,15 @@ def check_shade(needle: MeasuredTip, model: ProbeModel) -> NotFound | None:
     return None
 
 
-def metal_beyond(needle: MeasuredTip, model: ProbeModel) -> float:
-    """Return along how much (0..1) of the needle it is as bright outside as the metal is, on the worse side.
+def metal_beyond(probe: MeasuredTip, model: ProbeModel) -> float:
+    """Return along how much (0..1) of the probe it is as bright outside as the metal is, on the worse side.
 
-    A thicker needle whose highlight was taken for an edge does that all along its cylinder, and beside the thick half
+    A thicker probe whose highlight was taken for an edge does that all along its cylinder, and beside the thick half
     of its taper, or its marking goes on there too. A pad or lettering behind it may do so beside one of them, and a
-    bright ground does so beside both: but the black band of the needle's own marking would go on through its metal,
+    bright ground does so beside both: but the black band of the probe's own marking would go on through its metal,
     where a ground stays as bright as it is.
     """
-    outline, axis = model.outline, needle.axis
+    outline, axis = model.outline, probe.axis
     half_px = outline.rim_half_px(-model.h_px)
     thick = outline.half_px > 0.6 * half_px
     taper, cylinder = thick & outline.on_taper, thick & ~outline.on_taper
@@ -175,23 +174,23 @@ def metal_beyond(needle: MeasuredTip, model: ProbeModel) -> float:
         grown = edge + wider * np.where(outline.on_taper, axis.taper_wider_px, axis.cylinder_wider_px)
         shares, levels = [], []
         for part in (taper, cylinder):
-            inside = middle(_levels(needle, outline.u_px[part], grown[part] - 3.0 * side))
-            outside = _levels(needle, outline.u_px[part], grown[part] + 4.0 * side)
-            bright = int(np.count_nonzero(outside > 0.75 * min(inside, needle.metal)))
+            inside = upper_median(_levels(probe, outline.u_px[part], grown[part] - 3.0 * side))
+            outside = _levels(probe, outline.u_px[part], grown[part] + 4.0 * side)
+            bright = int(np.count_nonzero(outside > 0.75 * min(inside, probe.metal)))
             shares.append(bright / max(outside.size, 1))
-            levels.append(middle(outside))
-        marked = np.arange(needle.rim1_u_px + 8.0, needle.rim2.u_px - 8.0, 2.0)
-        beside = middle(_levels(needle, marked, np.full(marked.size, side * (half_px + 4.0))))
+            levels.append(upper_median(outside))
+        marked = np.arange(probe.rim1_u_px + 8.0, probe.rim2.u_px - 8.0, 2.0)
+        beside = upper_median(_levels(probe, marked, np.full(marked.size, side * (half_px + 4.0))))
         if beside > SAME_GROUND * min(levels):
             continue
-        goes_on = beside < needle.dark + 0.25 * (needle.metal - needle.dark)
+        goes_on = beside < probe.dark + 0.25 * (probe.metal - probe.dark)
         worst = max(worst, shares[1] if goes_on else min(shares))
     return worst
 
 
-def _levels(needle: MeasuredTip, u_px: Floats, off_axis_px: Floats) -> Floats:
+def _levels(probe: MeasuredTip, u_px: Floats, off_axis_px: Floats) -> Floats:
     """Return the brightness of the strip at those of the rows `u_px` it holds, `off_axis_px` from the axis."""
-    strip, axis = needle.strip, needle.axis
+    strip, axis = probe.strip, probe.axis
     rows = np.rint(u_px).astype(np.intp) - strip.u_from_px
     keep = (rows >= 0) & (rows < strip.pixels.shape[0])
     columns = np.rint(axis.a_px + axis.b * u_px + off_axis_px).astype(np.intp) + strip.reach_px
@@ -199,15 +198,15 @@ def _levels(needle: MeasuredTip, u_px: Floats, off_axis_px: Floats) -> Floats:
     return np.asarray(strip.pixels[rows[keep], columns[keep]], dtype=np.float64)
 
 
-def _moved(needle: MeasuredTip, model: ProbeModel) -> tuple[float, float]:
+def _moved(probe: MeasuredTip, model: ProbeModel) -> tuple[float, float]:
     """Return how far the marking lies from where it was taught, by the taper's width, and how far it may, px.
 
     A bright ground or more blur makes taper and cylinder look wider or narrower alike: the cylinder tells by how much.
     Half a pixel of width is 3 px of place, so edges of taper and cylinder are compared before grounds that are both
     darker, or both brighter, than the metal, and where too few are, before both, which tells less. Both sides must say
-    it: a moved marking shows on both, a line of silkscreen beside the needle on one. 0 when unknown.
+    it: a moved marking shows on both, a line of silkscreen beside the probe on one. 0 when unknown.
     """
-    points, axis = needle.points, needle.axis
+    points, axis = probe.points, probe.axis
     beyond = points.side * (points.v_px - axis.a_px - axis.b * points.u_px - points.taught_px)
     sides, limit = [], SHIFTED_MARKING_LIMIT_PX
     for side in (-1.0, 1.0):
@@ -219,7 +218,7 @@ def _moved(needle: MeasuredTip, model: ProbeModel) -> tuple[float, float]:
             wider, limit = _taper_wider(points, beyond, own), SHIFTED_BETWEEN_GROUNDS_PX
         if wider is None:
             return 0.0, limit
-        sides.append(wider / model.shape.taper_slope - needle.rim2.u_px - model.h_px)
+        sides.append(wider / model.shape.taper_slope - probe.rim2.u_px - model.h_px)
     apart = max(SIDES_AGREE_PX, SIDES_AGREE_SHARE * max(abs(sides[0]), abs(sides[1])))
     agree = sides[0] * sides[1] > 0.0 and abs(sides[0] - sides[1]) < apart
     return (min(sides, key=abs) if agree else 0.0), limit
@@ -230,4 +229,4 @@ def _taper_wider(points: EdgePoints, beyond_px: Floats, own: NDArray[np.bool_]) 
     parts = [own & (points.on_taper == on_taper) for on_taper in (True, False)]
     if min(int(np.count_nonzero(part)) for part in parts) < LEAST_SIDE_POINTS:
         return None
-    return middle(beyond_px[parts[0]]) - middle(beyond_px[parts[1]])
+    return upper_median(beyond_px[parts[0]]) - upper_median(beyond_px[parts[1]])

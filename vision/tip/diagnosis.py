@@ -1,4 +1,4 @@
-"""Name what is wrong when the taught needle was not found: light, focus, direction, width, or no needle at all.
+"""Diagnosis of a failed tip search: light, focus, direction, width, or no probe at all.
 
 This runs only after a search has failed, so it may take its time; it never turns a refusal into a tip.
 """
@@ -8,9 +8,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from vision.core.caliper import Floats, derivative
-from vision.core.image import SATURATED_LEVEL, Gray, Plane
-from vision.core.not_found import NotFound, Reason
+from vision.core import SATURATED_LEVEL, Floats, Gray, NotFound, Plane, Reason, derivative
 from vision.tip.checks import TURN_LIMIT_DEG
 from vision.tip.measure import TipSighting, sight
 from vision.tip.outline import EdgePairs
@@ -19,18 +17,18 @@ from vision.tip.strip import ProbeStrip, quantiles, straighten
 from vision.tip.template_search import search
 from vision.tip.verdicts import blurred
 
-# Directions a needle may have been turned to.
 WIDE_TURNS_DEG = tuple(float(d) for d in np.arange(-18.0, 18.1, 3.0))
-# There it shows so much of its outline (0..1), and so much more than in the taught direction.
+"""Directions a probe may have been turned to."""
 LEAST_TURNED, TURNED_LEAD = 0.5, 0.12
-# Share of clipped pixels round the needle from which its edges say nothing.
+"""There it shows so much of its outline (0..1), and so much more than in the taught direction."""
 MOST_CLIPPED = 0.2
+"""Share of clipped pixels round the probe from which its edges say nothing."""
 LEAST_STRIP_SHARPNESS = 0.08
-# Correlation with the golden template: 0.9 and more when blurred by 4 px and more, 0.55 at most without a needle.
-LIKE_A_NEEDLE = 0.7
+LIKE_A_PROBE = 0.7
+"""Correlation with the golden template: 0.9 and more when blurred by 4 px and more, 0.55 at most without a probe."""
 SIDE_SPARE_PX = 24
-# A bar shows both edges on so much of its length (0..1); the taught width beside it shows no more than that.
 LEAST_BAR, MOST_OF_OWN, MOST_OWN_BAR = 0.55, 0.85, 0.35
+"""A bar shows both edges on so much of its length (0..1); the taught width beside it shows no more than that."""
 OTHER_WIDTH = 0.12
 MOSTLY = 0.8
 SCAN_TILTS, SCAN_SHIFTS_PX = np.tan(np.radians(np.arange(-3.0, 3.1, 1.0))), np.arange(-12.0, 12.1, 2.0)
@@ -48,9 +46,9 @@ def name_it(
             f"{100 * clipped:.0f} % of the pixels round the needle are at full scale: shorten the exposure or look for "
             "a second light",
         )
-    # A blurred needle still looks like one from afar; a bare board in its place has nothing sharp either.
+    # A blurred probe still looks like one from afar; a bare board in its place has nothing sharp either.
     sharpness = strip_sharpness(strip)
-    if sharpness < LEAST_STRIP_SHARPNESS and sighting.match.score > LIKE_A_NEEDLE:
+    if sharpness < LEAST_STRIP_SHARPNESS and sighting.match.score > LIKE_A_PROBE:
         return blurred(sharpness, LEAST_STRIP_SHARPNESS)
     image = plane.astype(np.float32)
     for better in (_turned(image, plane, sighting, model, origin), _other_width(image, sighting, model)):
@@ -69,7 +67,7 @@ def strip_sharpness(strip: ProbeStrip) -> float:
 def _turned(
     image: Plane, plane: Gray, sighting: TipSighting, model: ProbeModel, origin: tuple[int, int]
 ) -> NotFound | None:
-    """Return `bent` when the taught needle shows clearly better in a direction out of the taught range."""
+    """Return `bent` when the taught probe shows clearly better in a direction out of the taught range."""
     seen = sight(image, search(plane, model, origin, WIDE_TURNS_DEG), model, origin)
     turn = float(np.degrees(seen.angle_rad - model.angle_rad))
     if abs(turn) <= TURN_LIMIT_DEG or seen.vote.share < max(LEAST_TURNED, sighting.vote.share + TURNED_LEAD):
@@ -93,7 +91,7 @@ def _other_width(image: Plane, sighting: TipSighting, model: ProbeModel) -> NotF
     ratio = halves / taught
     own = float(shares[np.abs(ratio - 1.0) < OTHER_WIDTH].max())
     wider, narrower = (np.where(other, shares, 0.0) for other in (ratio > 1.0 + OTHER_WIDTH, ratio < 1.0 - OTHER_WIDTH))
-    # Highlights make needles inside the needle: the outer edges count, the inner ones only when there are no others.
+    # Highlights make probes inside the probe: the outer edges count, the inner ones only when there are no others.
     if wider.max() >= max(LEAST_BAR, MOST_OF_OWN * own):
         pick = int(np.argmax(wider))
     elif narrower.max() >= LEAST_BAR and own < MOST_OWN_BAR:

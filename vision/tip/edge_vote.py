@@ -1,6 +1,6 @@
-"""Vote for the needle's axis: the line that has the most edge where the taught outline puts the two edges.
+"""Vote for the probe's axis: the line that has the most edge where the taught outline puts the two edges.
 
-Each caliper votes at most once, however strong its edge: a bright pad weighs no more than a dull needle.
+Each caliper votes at most once, however strong its edge: a bright pad weighs no more than a dull probe.
 """
 
 from __future__ import annotations
@@ -9,19 +9,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vision.core.caliper import Floats
-from vision.core.image import Plane
+from vision.core import Floats, Plane
 from vision.tip.silhouette import Silhouette
-from vision.tip.strip import ProbeStrip, edge_maps, middle
+from vision.tip.strip import ProbeStrip, edge_maps, upper_median
 
 SHIFTS_PX: Floats = np.arange(-12.0, 12.1)
 TILTS: Floats = np.tan(np.radians(np.arange(-2.5, 2.51, 0.5)))
-# An edge that darkens inwards is one before something brighter than the metal: it counts, but less.
 DARKENING_WORTH = np.float32(0.7)
-# The template knows the needle to a few px: a place so much further away has to show so much more (0..1) of its edges.
+"""An edge that darkens inwards is one before something brighter than the metal: it counts, but less."""
 AWAY_WORTH = 0.04
-# Where only one edge votes, a highlight's border must not pass for it: so much of the usual steepest slope is asked.
+"""The template knows the probe to a few px: a place so much further away has to show so much more (0..1) of its
+edges."""
 LEAST_OF_STEEPEST = 0.6
+"""Where only one edge votes, a highlight's border must not pass for it: so much of the usual steepest slope is
+asked."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,4 +65,4 @@ def _least_slope(slope: Plane, strip: ProbeStrip, outline: Silhouette) -> float:
     if not outline.dim_side:
         return strip.edge_level
     steepest = np.max(outline.dim_side * slope, axis=1)
-    return max(strip.edge_level, LEAST_OF_STEEPEST * middle(steepest))
+    return max(strip.edge_level, LEAST_OF_STEEPEST * upper_median(steepest))

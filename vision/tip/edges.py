@@ -1,4 +1,4 @@
-"""Find the needle's edges to a fraction of a pixel and fit the axis through all of them at once."""
+"""Edges of the probe to a fraction of a pixel, and the fit of the axis through all of them at once."""
 
 from __future__ import annotations
 
@@ -7,21 +7,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.core.caliper import Floats, refine_peaks, spread, tukey
-from vision.core.image import Plane
+from vision.core import Floats, Plane, mad_sigma, refine_peaks, tukey
 from vision.tip.silhouette import Silhouette
 from vision.tip.strip import ProbeStrip
 
 ROUNDS = 8
-# A fit this share of the points agree with needs no other start; another start has to bring so
-# much more of them into agreement.
 ENOUGH_AGREE, BETTER_SHARE = 0.75, 0.1
+"""A fit this share of the points agree with needs no other start; another start has to bring so much more of them into
+agreement."""
 SCALE_FLOOR_PX, SCALE_CEILING_PX = 0.03, 0.35
-# How much wider the taught needle may look, by light and blur, and how much more so its taper, 1-sigma.
-# The second belief is firm: a highlight within the taper, before a pad as bright as metal, passes for a narrower taper.
 WIDTH_SIGMA_PX, TAPER_SIGMA_PX = 0.4, 0.06
-# A needle that is not bent turns its taper by no more than this over its length.
+"""How much wider the taught probe may look, by light and blur, and how much more so its taper, 1-sigma. The second
+belief is firm: a highlight within the taper, before a pad as bright as metal, passes for a narrower taper."""
 STRAIGHT_SIGMA_PX = 0.1
+"""A probe that is not bent turns its taper by no more than this over its length."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +46,17 @@ class EdgePoints:
         """Return the points `keep` (N,) says, found by so many calipers."""
         u, v, side, taught = self.u_px[keep], self.v_px[keep], self.side[keep], self.taught_px[keep]
         on_taper, brightens, strength = self.on_taper[keep], self.brightens[keep], self.strength[keep]
-        return EdgePoints(u, v, side, taught, on_taper, brightens, strength, offered, offered_on_taper)
+        return EdgePoints(
+            u_px=u,
+            v_px=v,
+            side=side,
+            taught_px=taught,
+            on_taper=on_taper,
+            brightens=brightens,
+            strength=strength,
+            offered=offered,
+            offered_on_taper=offered_on_taper,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +96,7 @@ def edge_points(
 ) -> EdgePoints:
     """Return the sub-pixel edge points near the outline placed on `axis` (a, b) and grown by (cylinder, taper).
 
-    Edges that brighten inwards, or, `either_way`, edges of both signs (a bright pad may lie behind the needle). The
+    Edges that brighten inwards, or, `either_way`, edges of both signs (a bright pad may lie behind the probe). The
     outline's dim side has none.
     """
     rows = np.rint(outline.u_px).astype(np.intp) - strip.u_from_px
@@ -134,7 +143,7 @@ def fit_axis(
     pivot_u_px: where the taper turns. straight: believe that it hardly does; otherwise the turn is free. same_width:
     believe that the taper is as wide as taught, but for the light; otherwise its width is free. The fit starts from the
     cylinder's points, from all and from the taper's, and the start with clearly the most agreement wins, the earlier
-    one in doubt: clutter behind one part of the needle does not draw the axis away from the other.
+    one in doubt: clutter behind one part of the probe does not draw the axis away from the other.
     """
     if points.u_px.size < 10:
         return None
@@ -184,7 +193,7 @@ def _robust(design: Floats, target: Floats, pull: Floats, weights: Floats) -> _F
         before, parameters = parameters, np.linalg.solve(normal, weighted @ target)
         residual = target - design @ parameters
         kept = residual[weights > 0.1]
-        scale = spread(kept if kept.size > size else residual, SCALE_FLOOR_PX)
+        scale = mad_sigma(kept if kept.size > size else residual, SCALE_FLOOR_PX)
         scale = max(min(scale, SCALE_CEILING_PX * max(6 - turn, 1)), SCALE_FLOOR_PX)
         weights = tukey(residual, scale)
         if turn >= 5 or (turn >= 2 and np.max(np.abs(parameters - before)) < 0.01):
@@ -196,15 +205,15 @@ def _axis_of(fit: _Fit, points: EdgePoints) -> ProbeAxis:
     scaling = np.diag([1.0, 0.01])
     a, b, wider, taper, bend = (float(number) for number in fit.parameters)
     return ProbeAxis(
-        a,
-        b / 100.0,
-        np.asarray(scaling @ fit.covariance[:2, :2] @ scaling),
-        wider + taper,
-        wider,
-        bend,
-        float(np.sqrt(fit.covariance[4, 4])),
-        float(np.sqrt(fit.covariance[3, 3])),
-        float(np.count_nonzero(fit.weights > 0.3)) / max(points.offered, 1),
-        fit.scale,
-        fit.weights,
+        a_px=a,
+        b=b / 100.0,
+        covariance=np.asarray(scaling @ fit.covariance[:2, :2] @ scaling),
+        taper_wider_px=wider + taper,
+        cylinder_wider_px=wider,
+        bend_px=bend,
+        bend_sigma_px=float(np.sqrt(fit.covariance[4, 4])),
+        taper_sigma_px=float(np.sqrt(fit.covariance[3, 3])),
+        support=float(np.count_nonzero(fit.weights > 0.3)) / max(points.offered, 1),
+        scale_px=fit.scale,
+        weights=fit.weights,
     )

@@ -1,6 +1,6 @@
-"""TEDA: find the end of the needle in a white-lit picture (thesis 5.3).
+"""Search for the end of the probe in a white-lit image (TEDA, thesis 5.3).
 
-The end itself is a few dull pixels before a busy board, so it is not looked for. The needle is (golden template),
+The end itself is a few dull pixels before a busy board, so it is not looked for. The probe is (golden template),
 its two straight edges give the bisector, the marking's lower rim gives a sharp mark on it, and the end lies the taught
 h px further along. Every step that does not look as taught ends the search: no answer is better than a wrong one.
 The ground may be darker than the metal or brighter, on either side: only teaching asks for a dark, quiet one.
@@ -13,35 +13,33 @@ from typing import Any
 
 import numpy as np
 
-from vision.core.caliper import Line
-from vision.core.image import Bgr, Gray, check_bgr, check_exposure, despike, gray
-from vision.core.not_found import NotFound, Reason
+from vision.core import Bgr, Gray, Line, NotFound, Reason, check_bgr, check_exposure, despike, gray
 from vision.tip.checks import check_direction, first_problem
 from vision.tip.diagnosis import name_it
 from vision.tip.glint import without_glint
 from vision.tip.measure import MeasuredTip, coarse_shift, measure, sight
 from vision.tip.probe_model import ProbeModel
-from vision.tip.strip import NeedleShape
+from vision.tip.strip import ProbeShape
 from vision.tip.template_search import TemplateMatch, region, search
 from vision.tip.verdicts import no_marking, wrong
 
-# A lit board or base plate is brighter than this; the needle may be missing, so it is not asked.
 DARK_LEVEL = 12.0
-# Share of the calipers that must find the taught silhouette before anything is measured.
+"""A lit board or base plate is brighter than this; the probe may be missing, so it is not asked."""
 LEAST_VOTE = 0.35
-# What stays of errors the fit cannot see: the teaching's own noise, interpolation, light across the needle.
+"""Share of the calipers that must find the taught silhouette before anything is measured."""
 SYSTEMATIC_SIGMA_PX = 0.1
+"""What stays of errors the fit cannot see: the teaching's own noise, interpolation, light across the probe."""
 
 
 @dataclass(frozen=True, slots=True)
 class Tip:
-    """Hold the needle's end and what was measured on the way.
+    """Hold the probe's end and what was measured on the way.
 
-    x_px, y_px: the end; angle_rad: direction of the needle towards it; sigma_px: honest 1-sigma of each coordinate.
+    x_px, y_px: the end; angle_rad: direction of the probe towards it; sigma_px: honest 1-sigma of each coordinate.
     edges: L1 (found from the right) and L2 (from the left); intersection_px: where they would meet (eq. 5.7);
     rim1_px, rim2_px: upper and lower rim of the marking on the bisector; score: correlation with the golden template;
     marking_contrast: 0..1; width_px: of the cylinder; bend_px: how far taper and cylinder disagree at the end;
-    sharpness: steepest slope of the lower rim over its step, 1/px (it falls as the picture blurs); edge_support: share
+    sharpness: steepest slope of the lower rim over its step, 1/px (it falls as the image blurs); edge_support: share
     of calipers that lie on the fitted silhouette; shape: that silhouette.
     """
 
@@ -59,15 +57,15 @@ class Tip:
     bend_px: float
     sharpness: float
     edge_support: float
-    shape: NeedleShape
+    shape: ProbeShape
 
 
 def find_tip(white_bgr: Any, model: ProbeModel) -> Tip | NotFound:
-    """Find the needle's end in a white frame (H, W, 3) uint8 BGR, in the frame's pixels.
+    """Find the probe's end in a white image (H, W, 3) uint8 BGR, in the image's pixels.
 
-    Accurate to about 0.15 px on clean pictures, before a board and before white paper with a printed mark alike;
+    Accurate to about 0.15 px on clean images, before a board and before white paper with a printed mark alike;
     `Tip.sigma_px` says how well this time. Before a ground about as bright as the metal's edges it may find nothing,
-    and a needle taught as lit from one side is found before darker grounds only. Returns NotFound with one of too_dark,
+    and a probe taught as lit from one side is found before darker grounds only. Returns NotFound with one of too_dark,
     saturated, blurred, out_of_frame, no_needle, wrong_needle, no_marking, bent. ValueError for an array of another
     shape or type.
     """
@@ -106,20 +104,20 @@ def _find(clean: Gray, model: ProbeModel, origin: tuple[int, int]) -> Tip | NotF
     shift = coarse_shift(seen, model.shape)
     if shift is None:
         return named(no_marking("no dark band with a rim on each side was found on the needle"))
-    needle = measure(image, seen, shift, model)
-    if needle is None:
+    probe = measure(image, seen, shift, model)
+    if probe is None:
         return named(wrong("too few edges lie on the taught silhouette"))
-    problem = first_problem(needle, model)
+    problem = first_problem(probe, model)
     if problem is not None:
-        spared = without_glint(needle, model)
+        spared = without_glint(probe, model)
         if spared is not None and first_problem(spared, model) is None:
-            needle, problem = spared, None
-    return _conclude(needle, seen.match, model) if problem is None else named(problem)
+            probe, problem = spared, None
+    return _conclude(probe, seen.match, model) if problem is None else named(problem)
 
 
-def _conclude(needle: MeasuredTip, match: TemplateMatch, model: ProbeModel) -> Tip:
+def _conclude(probe: MeasuredTip, match: TemplateMatch, model: ProbeModel) -> Tip:
     """Place the end h px beyond the lower rim on the bisector and gather what was measured."""
-    strip, axis, rim2, shape = needle.strip, needle.axis, needle.rim2, model.shape
+    strip, axis, rim2, shape = probe.strip, probe.axis, probe.rim2, model.shape
     end_u = rim2.u_px + shape.end_to_rim_px / float(np.sqrt(1.0 + axis.b**2))
     x, y = strip.to_image(end_u, axis.v_px(end_u))
     lever = np.array([1.0, end_u])
@@ -127,36 +125,43 @@ def _conclude(needle: MeasuredTip, match: TemplateMatch, model: ProbeModel) -> T
     sigma = float(np.sqrt((across + rim2.sigma_px**2) / 2.0 + SYSTEMATIC_SIGMA_PX**2))
     half, slope = shape.end_half_px + axis.taper_wider_px, shape.taper_slope
     cylinder = shape.cylinder_half_px + axis.cylinder_wider_px
-    measured = NeedleShape(shape.end_to_rim_px, rim2.u_px - needle.rim1_u_px, half, slope, cylinder)
+    measured = ProbeShape(shape.end_to_rim_px, rim2.u_px - probe.rim1_u_px, half, slope, cylinder)
     return Tip(
         x_px=x,
         y_px=y,
         angle_rad=strip.angle_rad + float(np.arctan(axis.b)),
         sigma_px=sigma,
         score=match.score,
-        edges=(_edge_line(needle, measured, -1.0), _edge_line(needle, measured, 1.0)),
+        edges=(_edge_line(probe, measured, -1.0), _edge_line(probe, measured, 1.0)),
         intersection_px=strip.to_image(half / slope, axis.v_px(half / slope)),
-        rim1_px=strip.to_image(needle.rim1_u_px, axis.v_px(needle.rim1_u_px)),
+        rim1_px=strip.to_image(probe.rim1_u_px, axis.v_px(probe.rim1_u_px)),
         rim2_px=strip.to_image(rim2.u_px, axis.v_px(rim2.u_px)),
-        marking_contrast=needle.contrast,
+        marking_contrast=probe.contrast,
         width_px=2.0 * cylinder,
-        bend_px=needle.free.bend_px,
-        sharpness=needle.sharpness,
+        bend_px=probe.free.bend_px,
+        sharpness=probe.sharpness,
         edge_support=axis.support,
         shape=measured,
     )
 
 
-def _edge_line(needle: MeasuredTip, shape: NeedleShape, side: float) -> Line:
+def _edge_line(probe: MeasuredTip, shape: ProbeShape, side: float) -> Line:
     """Return the taper's edge on one side as a line in the image, through its point at u = 0."""
-    strip, axis = needle.strip, needle.axis
+    strip, axis = probe.strip, probe.axis
     x, y = strip.to_image(0.0, axis.a_px + side * shape.end_half_px)
     angle = strip.angle_rad + float(np.arctan(axis.b - side * shape.taper_slope))
-    return Line(x, y, angle, float(np.sqrt(axis.covariance[0, 0])), round(100 * axis.support), 100)
+    return Line(
+        x_px=x,
+        y_px=y,
+        angle_rad=angle,
+        sigma_px=float(np.sqrt(axis.covariance[0, 0])),
+        used=round(100 * axis.support),
+        offered=100,
+    )
 
 
 def _shifted(tip: Tip, x: int, y: int) -> Tip:
-    """Return `tip` moved from the region's pixels to the frame's."""
+    """Return `tip` moved from the region's pixels to the image's."""
 
     def moved(point: tuple[float, float]) -> tuple[float, float]:
         return point[0] + x, point[1] + y

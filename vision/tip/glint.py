@@ -1,6 +1,6 @@
-"""See past a glint on the black marking: what the columns it spares still show of the rims and of the levels.
+"""Glint on the black marking: what the columns it spares still show of the rims and of the levels.
 
-A soft bright blob lifts the marking's brightness, or draws a rim away, over part of the needle's width. This is tried
+A soft bright blob lifts the marking's brightness, or draws a rim away, over part of the probe's width. This is tried
 only where the whole width has been refused, and what it returns has to pass every check again.
 """
 
@@ -11,50 +11,52 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.core.caliper import Floats
+from vision.core import Floats
 from vision.tip.marking_rim import join_rim, rim_places
 from vision.tip.measure import RIM1_REACH_PX, MeasuredTip
 from vision.tip.probe_model import ProbeModel
-from vision.tip.strip import middle
+from vision.tip.strip import upper_median
 
-# A column is spared when its two rims are as far apart as taught, but for how ragged they are.
 SPARED_PX = 2.0
+"""A column is spared when its two rims are as far apart as taught, but for how ragged they are."""
 LEAST_SPARED, LEAST_SPARED_COLUMNS = 0.35, 7
-# Rows of metal beside the marking, clear of its rims, that its darkness is compared with.
 CLEAR_PX, BESIDE_PX = 6, 24
-# Of a column of marking the darker quarter is free of a glint, and so is the better quarter of the columns.
+"""Rows of metal beside the marking, clear of its rims, that its darkness is compared with."""
 FREE_SHARE = 0.25
+"""Of a column of marking the darker quarter is free of a glint, and so is the better quarter of the columns."""
 
 
-def without_glint(needle: MeasuredTip, model: ProbeModel) -> MeasuredTip | None:
-    """Return the measured needle with rims and levels from the columns a glint may have spared; None if too few are."""
+def without_glint(probe: MeasuredTip, model: ProbeModel) -> MeasuredTip | None:
+    """Return the measured probe with rims and levels from the columns a glint may have spared; None if too few are."""
     form = model.rim_form_px
     reach = form.size // 2
     columns = np.arange(-reach, reach + 1)
-    line, marking = (needle.axis.a_px, needle.axis.b), model.shape.marking_px
+    line, marking = (probe.axis.a_px, probe.axis.b), model.shape.marking_px
     lower = np.full(columns.size, -model.h_px) + form
-    u2, strength2 = rim_places(needle.strip, line, columns, lower, RIM1_REACH_PX, 1.0)
-    u1, strength1 = rim_places(needle.strip, line, columns, lower - marking, RIM1_REACH_PX, -1.0)
+    u2, strength2 = rim_places(probe.strip, line, columns, lower, RIM1_REACH_PX, 1.0)
+    u1, strength1 = rim_places(probe.strip, line, columns, lower - marking, RIM1_REACH_PX, -1.0)
     spared = np.abs(u2 - u1 - marking) < SPARED_PX
     if np.count_nonzero(spared) < max(LEAST_SPARED * columns.size, LEAST_SPARED_COLUMNS):
         return None
     half = model.outline.rim_half_px(-model.h_px)
     rim2 = join_rim(columns[spared], half, u2[spared], strength2[spared], form[spared])
-    rim1_u = middle((u1 - form)[spared])
-    metal, dark = _spared_levels(needle, columns, rim1_u, rim2.u_px)
-    return replace(needle, rim1_u_px=rim1_u, rim1_strength=middle(strength1[spared]), rim2=rim2, metal=metal, dark=dark)
+    rim1_u = upper_median((u1 - form)[spared])
+    metal, dark = _spared_levels(probe, columns, rim1_u, rim2.u_px)
+    return replace(
+        probe, rim1_u_px=rim1_u, rim1_strength=upper_median(strength1[spared]), rim2=rim2, metal=metal, dark=dark
+    )
 
 
 def _spared_levels(
-    needle: MeasuredTip, columns: NDArray[np.intp], rim1_u_px: float, rim2_u_px: float
+    probe: MeasuredTip, columns: NDArray[np.intp], rim1_u_px: float, rim2_u_px: float
 ) -> tuple[float, float]:
     """Return the brightness of metal and marking of the column that stands for the better ones, levels.
 
     Each column is compared with its own metal, on the darker side of the marking: a dim flank is no marking, and a
-    glint beside a needle without one does not make its metal dark.
+    glint beside a probe without one does not make its metal dark.
     """
-    strip = needle.strip
-    offset = int(np.rint(needle.axis.v_px((rim1_u_px + rim2_u_px) / 2.0))) + strip.reach_px
+    strip = probe.strip
+    offset = int(np.rint(probe.axis.v_px((rim1_u_px + rim2_u_px) / 2.0))) + strip.reach_px
     picked = strip.pixels[:, np.clip(columns + offset, 0, strip.pixels.shape[1] - 1)].astype(np.float64)
     at1, at2 = int(rim1_u_px) - strip.u_from_px, int(rim2_u_px) - strip.u_from_px
     inside = picked[max(at1 + CLEAR_PX, 0) : max(at2 - CLEAR_PX, 0)]

@@ -1,4 +1,4 @@
-"""Find the rims of the black marking: where, along the needle, its brightness changes fastest."""
+"""Rims of the black marking: where, along the probe, its brightness changes fastest."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.core.caliper import Floats, derivative, refine_peaks, spread, tukey
-from vision.tip.strip import ProbeStrip, middle, middle_profile
+from vision.core import Floats, derivative, mad_sigma, refine_peaks, tukey
+from vision.tip.strip import ProbeStrip, middle_profile, upper_median
 
 RIM_SIGMA_PX = 1.5
-# The part of the half width a rim is measured over. Painted rims wander round the needle: the more of it is seen the
-# better it averages, but near the edges the surface turns away and the rim's bow grows steep.
 RIM_SHARE = 0.75
-# A rim wanders over about this much of the needle's width before it comes back: columns closer than that agree.
+"""The part of the half width a rim is measured over. Painted rims wander round the probe: the more of it is seen the
+better it averages, but near the edges the surface turns away and the rim's bow grows steep."""
 BLOCK_PX = 5
+"""A rim wanders over about this much of the probe's width before it comes back: columns closer than that agree."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,18 +64,18 @@ def rim_places(
 def join_rim(columns: NDArray[np.intp], half_px: float, u_px: Floats, strength: Floats, form_px: Floats) -> Rim:
     """Reduce a rim's columns to one place, `form_px` being the rim's taught form (0 at the axis).
 
-    Each column counts for as much of the needle's girth as it shows; torn columns do not count. The 1-sigma comes from
+    Each column counts for as much of the probe's girth as it shows; torn columns do not count. The 1-sigma comes from
     how much whole blocks of neighbouring columns differ, since what frays a rim frays neighbours together.
     """
     girth = 1.0 / np.sqrt(np.maximum(1.0 - np.square(columns / half_px), 0.2))
     residual = u_px - form_px
-    place = middle(residual)
+    place = upper_median(residual)
     for _ in range(4):
-        scale = max(spread(residual - place, 0.15), 0.15)
+        scale = max(mad_sigma(residual - place, 0.15), 0.15)
         weights = girth * tukey(residual - place, scale)
         place = float(np.sum(weights * residual) / max(np.sum(weights), 1e-9))
     agree = float(np.mean(np.abs(residual - place) < max(1.5, 2.5 * min(scale, 1.0))))
-    return Rim(place, _block_sigma(residual - place, weights), agree, middle(strength))
+    return Rim(place, _block_sigma(residual - place, weights), agree, upper_median(strength))
 
 
 def _block_sigma(residual: Floats, weights: Floats) -> float:
@@ -97,4 +97,4 @@ def marking_levels(
     outside = np.concatenate([values[max(at1 - 24, 0) : max(at1 - 6, 0)], values[max(at2 + 6, 0) : max(at2 + 24, 0)]])
     if inside.size == 0 or outside.size == 0:
         return 0.0, 0.0
-    return middle(outside), middle(inside)
+    return upper_median(outside), upper_median(inside)

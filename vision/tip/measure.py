@@ -1,4 +1,4 @@
-"""Measure the needle near where the template and the votes put it: axis, rims, levels. No judgement is made here."""
+"""Measurement of the probe near where template and votes put it: axis, rims, levels. No judgement is made here."""
 
 from __future__ import annotations
 
@@ -7,29 +7,29 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from vision.core.caliper import derivative
-from vision.core.image import Plane
+from vision.core import Plane, derivative
 from vision.tip.background import corrected, without_blind
 from vision.tip.edge_vote import Vote, vote
 from vision.tip.edges import EdgePoints, ProbeAxis, edge_points, fit_axis
 from vision.tip.marking_rim import Rim, join_rim, marking_levels, rim_places
 from vision.tip.orientation import Turn, taper_turn
 from vision.tip.probe_model import ProbeModel
-from vision.tip.strip import NeedleShape, ProbeStrip, across_slope, around, middle, middle_profile
+from vision.tip.strip import ProbeShape, ProbeStrip, across_slope, around, middle_profile, upper_median
 from vision.tip.template_search import TemplateMatch
 
-# The rough strip's spare room on every side, px: for where the template may be wrong and for a taper that is turned.
 SPARE_PX = 16
-# So many edges on the axis are hardly found where no needle is.
+"""The rough strip's spare room on every side, px: for where the template may be wrong and for a taper that is
+turned."""
 SURE_SHARE = 0.7
-# How far the marking may lie from where the template puts it.
+"""So many edges on the axis are hardly found where no probe is."""
 MARKING_REACH_PX = 14
+"""How far the marking may lie from where the template puts it."""
 LEAST_RIM_SLOPE = 4.0
 RIM1_REACH_PX = 8
 FIRST_REACH_PX, SECOND_REACH_PX = 4, 2
-# Edges before a darker ground are enough where they show on so much of the silhouette (0..1); edges of both
-# signs have to show on so much more of it.
 ENOUGH_SUPPORT, CLEARLY_MORE = 0.7, 0.05
+"""Edges before a darker ground are enough where they show on so much of the silhouette (0..1); edges of both signs have
+to show on so much more of it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,9 +49,9 @@ class TipSighting:
 
 @dataclass(frozen=True, slots=True)
 class MeasuredTip:
-    """Hold the straightened needle and what was measured on it.
+    """Hold the straightened probe and what was measured on it.
 
-    axis: fitted as of a straight needle; free: the same with a taper that may turn; turn: where the taper's edges show;
+    axis: fitted as of a straight probe; free: the same with a taper that may turn; turn: where the taper's edges show;
     metal, dark: levels beside and in the marking.
     """
 
@@ -79,7 +79,7 @@ class MeasuredTip:
 
 
 def sight(image: Plane, matches: list[TemplateMatch], model: ProbeModel, origin: tuple[int, int]) -> TipSighting:
-    """Lay the needle roughly straight and let its edges vote; try the next match when few of them do."""
+    """Lay the probe roughly straight and let its edges vote; try the next match when few of them do."""
     seen: list[TipSighting] = []
     for match in matches:
         at = match.x_px - origin[0], match.y_px - origin[1]
@@ -92,7 +92,7 @@ def sight(image: Plane, matches: list[TemplateMatch], model: ProbeModel, origin:
     return max(seen, key=lambda one: one.vote.share)
 
 
-def coarse_shift(sighting: TipSighting, shape: NeedleShape) -> float | None:
+def coarse_shift(sighting: TipSighting, shape: ProbeShape) -> float | None:
     """Return how far the marking lies from where the template puts it (u, px), None if there is none."""
     strip = sighting.strip
     axis = sighting.vote.a_px, sighting.vote.b
@@ -112,7 +112,7 @@ def coarse_shift(sighting: TipSighting, shape: NeedleShape) -> float | None:
 
 
 def measure(image: Plane, sighting: TipSighting, shift_px: float, model: ProbeModel) -> MeasuredTip | None:
-    """Straighten the needle along the voted axis and measure it; None when too few edges agree on an axis."""
+    """Straighten the probe along the voted axis and measure it; None when too few edges agree on an axis."""
     rough, found = sighting.strip, sighting.vote
     at = rough.to_image(shift_px, found.a_px + found.b * shift_px)
     strip = around(image, at, sighting.angle_rad, model.shape, 0)
@@ -155,7 +155,19 @@ def _with_rims(
     inner = columns[np.abs(columns) <= 5]
     at1 = np.full(inner.size, rim2.u_px - model.shape.marking_px)
     u1, strength1 = rim_places(strip, line, inner, at1, RIM1_REACH_PX, -1.0)
-    rim1_u = middle(u1)
+    rim1_u = upper_median(u1)
     metal, dark = marking_levels(strip, line, rim1_u, rim2.u_px)
     turn = taper_turn(strip, slope, model.outline, axis, -model.h_px)
-    return MeasuredTip(strip, slope, points, axis, free, turn, rim1_u, middle(strength1), rim2, metal, dark)
+    return MeasuredTip(
+        strip=strip,
+        slope=slope,
+        points=points,
+        axis=axis,
+        free=free,
+        turn=turn,
+        rim1_u_px=rim1_u,
+        rim1_strength=upper_median(strength1),
+        rim2=rim2,
+        metal=metal,
+        dark=dark,
+    )

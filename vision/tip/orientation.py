@@ -1,4 +1,4 @@
-"""Tell where the taper points: its edges are looked for at every turn about the marking, not only straight ahead."""
+"""Orientation of the taper: its edges are looked for at every turn about the marking, not only straight ahead."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from vision.core.image import Plane
+from vision.core import Plane
 from vision.tip.edges import ProbeAxis
 from vision.tip.silhouette import Silhouette
 from vision.tip.strip import ProbeStrip
 
 TURNS_DEG = np.arange(-15.0, 15.01, 0.5)
-# The place a needle gives way need not be the marking's rim: the turned taper may start this far aside.
 SHIFTS_PX = np.arange(-4.0, 4.1, 1.0)
+"""The place a probe gives way need not be the marking's rim: the turned taper may start this far aside."""
 STRAIGHT_DEG, STRAIGHT_PX = 1.0, 1.0
 
 
@@ -34,7 +34,7 @@ class Turn:
 def taper_turn(strip: ProbeStrip, slope: Plane, outline: Silhouette, axis: ProbeAxis, pivot_u_px: float) -> Turn:
     """Return how much of the taper shows where the axis points and how much elsewhere, edges of either sign counting.
 
-    A bent needle shows its taper elsewhere; a busy background hides it without showing one elsewhere.
+    A bent probe shows its taper elsewhere; a busy background hides it without showing one elsewhere.
     """
     own = outline.on_taper
     u = outline.u_px[own]

@@ -1,7 +1,7 @@
-"""Find a needle nobody has seen before, roughly: its direction, its marking, and its outline down to the end.
+"""Rough outline of a probe nobody has seen before: its direction, its marking, and its edges down to the end.
 
-Only what every such needle has is assumed: two edges at equal distances from one axis, a dark band across it, and a
-width that does not grow towards the end. Highlights make needles inside the needle, so the widest good one is taken.
+Only what every such probe has is assumed: two edges at equal distances from one axis, a dark band across it, and a
+width that does not grow towards the end. Highlights make probes inside the probe, so the widest good one is taken.
 """
 
 from __future__ import annotations
@@ -11,24 +11,23 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.core.caliper import Floats, derivative
-from vision.core.image import Plane
+from vision.core import Floats, Plane, derivative
 from vision.tip.silhouette import Silhouette, caliper_rows
 from vision.tip.strip import ProbeStrip, across_slope, edge_maps, middle_profile
 
 HINT_REACH_DEG = 12.0
-# Half widths that are tried, px, and how much they may grow per px towards the barrel: a long taper need not end at the
-# marking. A growing one has to show so much more (0..1) of its edges than the best straight one.
 CYLINDER_HALVES_PX: Floats = np.arange(8.0, 50.1, 1.0)
+"""Half widths that are tried, px, and how much they may grow per px towards the barrel: a long taper need not end at
+the marking. A growing one has to show so much more (0..1) of its edges than the best straight one."""
 FLARES = (0.0, 0.02, 0.04, 0.06, 0.08, 0.1)
 FLARED_LEAD = 0.2
 HALF_STEP_PX = 0.5
-# From one caliper to the next a needle narrows by no more, and grows by no more, px.
 MOST_NARROWING_PX, MOST_GROWTH_PX = 2.0, 0.5
-# Of two paths along edges the outer one is the outline: so much is a pixel more worth, in rows.
+"""From one caliper to the next a probe narrows by no more, and grows by no more, px."""
 WIDER_WORTH = 0.03
-# Where the marking's lower rim may be, and how long the marking, px.
+"""Of two paths along edges the outer one is the outline: so much is a pixel more worth, in rows."""
 RIM2_FROM_PX, RIM2_TO_PX = -250, -40
+"""Where the marking's lower rim may be, and how long the marking, px."""
 MARKING_FROM_PX, MARKING_TO_PX = 15, 90
 LEAST_RIM_SLOPE = 4.0
 LEAST_PAIRS = 0.4
@@ -40,7 +39,7 @@ ADVICE = (
 
 @dataclass(frozen=True, slots=True)
 class RoughOutline:
-    """Hold the needle's turn against the strip, its rims' u, and its outline, good to about 2 px."""
+    """Hold the probe's turn against the strip, its rims' u, and its outline, good to about 2 px."""
 
     tilt_rad: float
     rim1_u_px: float
@@ -92,8 +91,8 @@ class _Cylinder:
         return self.half_px - self.flare * (u_px - self.u_px)
 
 
-def rough_needle(strip: ProbeStrip) -> RoughOutline:
-    """Return the needle that ends near u = 0 of a strip laid along its expected direction; ValueError if none does."""
+def rough_probe(strip: ProbeStrip) -> RoughOutline:
+    """Return the probe that ends near u = 0 of a strip laid along its expected direction; ValueError if none does."""
     edges = EdgePairs.of(strip, by_ratio=True)
     best: tuple[float, float, _Cylinder, tuple[float, float]] | None = None
     for tilt in np.tan(np.radians(np.arange(-HINT_REACH_DEG, HINT_REACH_DEG + 0.1, 1.0))):

@@ -1,4 +1,4 @@
-"""The taught needle: what it looks like, where it is expected, how far its end lies from its marking."""
+"""Model of the taught probe: what it looks like, where it is expected, how far its end lies from its marking."""
 
 from __future__ import annotations
 
@@ -13,32 +13,33 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.core.image import check_bgr, check_point, despike, gray, median
+from vision.core import check_bgr, check_point, despike, gray, median
 from vision.tip.silhouette import Silhouette
-from vision.tip.strip import NeedleShape
+from vision.tip.strip import ProbeShape
 from vision.tip.teach import AXIS_HINT_RAD, measure
 
-# The golden template of the thesis (fig. 5.7a): this much of the needle from just below its end upwards.
 TEMPLATE_WIDTH_PX, TEMPLATE_HEIGHT_PX = 116, 220
+"""The golden template of the thesis (fig. 5.7a): this much of the probe from just below its end upwards."""
 TEMPLATE_BELOW_TIP_PX = 8
-# The end rides on the head as the camera does: it flexes by pixels, so the search stays this close to its taught place.
 SEARCH_REACH_PX = 28
+"""The end rides on the head as the camera does: it flexes by pixels, so the search stays this close to its taught
+place."""
 VERSION = 2
 
 
 @dataclass(frozen=True, eq=False)
 class ProbeModel:
-    """Hold a taught needle. Make one with `teach`, keep it with `save`, get it back with `load`.
+    """Hold a taught probe. Make one with `teach`, keep it with `save`, get it back with `load`.
 
-    tip_px: taught end (x, y); angle_rad: direction of the needle towards its end; h_px: lower rim to end along it;
+    tip_px: taught end (x, y); angle_rad: direction of the probe towards its end; h_px: lower rim to end along it;
     shape: its sizes; outline: where its edges were seen, row by row;
-    template: (220, 116) uint8 of the median-filtered picture, its top-left pixel at `corner_px`; template_mask: 255
-    where the needle is; rim_form_px: lower rim's form over the needle's middle; frame_px: (width, height) taught in.
+    template: (220, 116) uint8 of the median-filtered image, its top-left pixel at `corner_px`; template_mask: 255
+    where the probe is; rim_form_px: lower rim's form over the probe's middle; frame_px: (width, height) taught in.
     """
 
     tip_px: tuple[float, float]
     angle_rad: float
-    shape: NeedleShape
+    shape: ProbeShape
     outline: Silhouette
     rim_form_px: NDArray[np.float64]
     template: NDArray[np.uint8]
@@ -55,7 +56,7 @@ class ProbeModel:
 
     @property
     def search_roi_px(self) -> tuple[int, int, int, int]:
-        """Return the part of the frame (x, y, width, height) the template is searched in."""
+        """Return the part of the image (x, y, width, height) the template is searched in."""
         x, y = self.corner_px[0] - SEARCH_REACH_PX, self.corner_px[1] - SEARCH_REACH_PX
         return x, y, TEMPLATE_WIDTH_PX + 2 * SEARCH_REACH_PX, TEMPLATE_HEIGHT_PX + 2 * SEARCH_REACH_PX
 
@@ -63,10 +64,10 @@ class ProbeModel:
     def teach(
         cls, white_bgr: NDArray[np.uint8], tip_px: tuple[float, float], axis_hint_rad: float = AXIS_HINT_RAD
     ) -> ProbeModel:
-        """Learn the needle from a white frame (H, W, 3) uint8 BGR and its true end (x, y) in px (thesis 5.3.6).
+        """Learn the probe from a white image (H, W, 3) uint8 BGR and its true end (x, y) in px (thesis 5.3.6).
 
         The end should stand before a dark, quiet background; `find_tip` then finds it before brighter ones, too.
-        axis_hint_rad: the needle's direction in the image towards its end, within 12 degrees. Raises ValueError naming
+        axis_hint_rad: the probe's direction in the image towards its end, within 12 degrees. Raises ValueError naming
         what was not found.
         """
         image = check_bgr(white_bgr)
@@ -81,21 +82,21 @@ class ProbeModel:
         if x < 0 or y < 0 or x + TEMPLATE_WIDTH_PX > width or y + TEMPLATE_HEIGHT_PX > height:
             raise ValueError(f"the golden template at {corner} does not fit into the picture of {width} x {height} px")
         part = np.s_[y : y + TEMPLATE_HEIGHT_PX, x : x + TEMPLATE_WIDTH_PX]
-        outline = needle_outline((taught.x_px - x, taught.y_px - y), taught.angle_rad, taught.shape, 5.0)
+        outline = probe_outline((taught.x_px - x, taught.y_px - y), taught.angle_rad, taught.shape, 5.0)
         mask = np.zeros((TEMPLATE_HEIGHT_PX, TEMPLATE_WIDTH_PX), dtype=np.uint8)
         cv2.fillPoly(mask, [np.rint(outline).astype(np.int32)], (255,))
         return cls(
-            (taught.x_px, taught.y_px),
-            taught.angle_rad,
-            taught.shape,
-            taught.outline,
-            taught.rim_form_px,
-            np.ascontiguousarray(median(plane, 7)[part]),
-            mask,
-            corner,
-            (width, height),
-            taught.marking_contrast,
-            taught.click_offset_px,
+            tip_px=(taught.x_px, taught.y_px),
+            angle_rad=taught.angle_rad,
+            shape=taught.shape,
+            outline=taught.outline,
+            rim_form_px=taught.rim_form_px,
+            template=np.ascontiguousarray(median(plane, 7)[part]),
+            template_mask=mask,
+            corner_px=corner,
+            frame_px=(width, height),
+            marking_contrast=taught.marking_contrast,
+            click_offset_px=taught.click_offset_px,
         )
 
     def save(self, path: str | Path) -> None:
@@ -148,17 +149,17 @@ def _from_stored(facts: dict[str, Any], stored: Any) -> ProbeModel:
     if form.ndim != 1 or form.size < 7 or not np.all(np.isfinite([*numbers, *form])):
         raise ValueError("its numbers are damaged")
     return ProbeModel(
-        check_point(facts["tip_px"], "tip_px"),
-        float(facts["angle_rad"]),
-        NeedleShape(**{name: float(number) for name, number in facts["shape"].items()}),
-        outline,
-        form,
-        template,
-        mask,
-        (int(facts["corner_px"][0]), int(facts["corner_px"][1])),
-        (int(facts["frame_px"][0]), int(facts["frame_px"][1])),
-        float(facts["marking_contrast"]),
-        float(facts["click_offset_px"]),
+        tip_px=check_point(facts["tip_px"], "tip_px"),
+        angle_rad=float(facts["angle_rad"]),
+        shape=ProbeShape(**{name: float(number) for name, number in facts["shape"].items()}),
+        outline=outline,
+        rim_form_px=form,
+        template=template,
+        template_mask=mask,
+        corner_px=(int(facts["corner_px"][0]), int(facts["corner_px"][1])),
+        frame_px=(int(facts["frame_px"][0]), int(facts["frame_px"][1])),
+        marking_contrast=float(facts["marking_contrast"]),
+        click_offset_px=float(facts["click_offset_px"]),
     )
 
 
@@ -173,20 +174,27 @@ def _outline(table: NDArray[np.float64], cylinder_rows: int, dim_side: int) -> S
     if not rows_fit or not np.all(np.isfinite(table)) or np.any(np.diff(table[0]) <= 0.0):
         raise ValueError("its outline is damaged")
     shade = table[3] if columns == 4 else None
-    return Silhouette(table[0], table[1], table[2], cylinder_rows, dim_side, shade)
+    return Silhouette(
+        u_px=table[0],
+        left_px=table[1],
+        right_px=table[2],
+        cylinder_rows=cylinder_rows,
+        dim_side=dim_side,
+        shade_px=shade,
+    )
 
 
 def _template_corner(x_px: float, y_px: float, angle_rad: float) -> tuple[int, int]:
-    """Return the template's top-left pixel: its bottom just below the end, the needle along its diagonal."""
+    """Return the template's top-left pixel: its bottom just below the end, the probe along its diagonal."""
     top = TEMPLATE_HEIGHT_PX - TEMPLATE_BELOW_TIP_PX
     drift = top / np.tan(angle_rad)
     return int(np.rint(x_px - drift / 2 - TEMPLATE_WIDTH_PX / 2)), int(np.rint(y_px - top))
 
 
-def needle_outline(
-    tip_px: tuple[float, float], angle_rad: float, shape: NeedleShape, margin_px: float
+def probe_outline(
+    tip_px: tuple[float, float], angle_rad: float, shape: ProbeShape, margin_px: float
 ) -> NDArray[np.float64]:
-    """Return the needle's silhouette as a polygon (N, 2) of image points, grown by `margin_px`."""
+    """Return the probe's silhouette as a polygon (N, 2) of image points, grown by `margin_px`."""
     rim = shape.end_to_rim_px
     half_end = shape.end_half_px + margin_px
     half_rim = shape.end_half_px + shape.taper_slope * rim + margin_px

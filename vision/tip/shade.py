@@ -1,6 +1,6 @@
-"""The dim flank of a needle lit from one side: which it is, and where on it the light is down to half.
+"""Dim flank of a probe lit from one side: which it is, and where on it the light is down to half.
 
-The needle hides what lies behind it, so the place where its brightness falls to a share of its own metal's does not
+The probe hides what lies behind it, so the place where its brightness falls to a share of its own metal's does not
 depend on the background; the flank's edge does, up to being lost before a board as bright as the flank.
 """
 
@@ -9,17 +9,17 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from vision.core.caliper import Floats
+from vision.core import Floats
 from vision.tip.silhouette import Silhouette
 from vision.tip.strip import CALIPER_STEP_PX, ProbeStrip, across_slope
 
-# One side is the dim one when its edge is so much weaker than the other's.
 DIM_SHARE = 0.6
-# The level, of the metal's about the axis, that is looked for.
+"""One side is the dim one when its edge is so much weaker than the other's."""
 HALF_LIGHT = 0.5
+"""The level, of the metal's about the axis, that is looked for."""
 MIDDLE_SHARE = 0.5
-# Share of rows that must show the level for a needle to be taught.
 LEAST_SHADE = 0.7
+"""Share of rows that must show the level for a probe to be taught."""
 
 
 def dim_side(strip: ProbeStrip, outline: Silhouette) -> int:

@@ -1,7 +1,7 @@
-"""The taught outline of the needle: where its two edges were seen, row by row, from the axis.
+"""Silhouette of the taught probe: where its two edges were seen, row by row, from the axis.
 
 It is measured, not assumed: a taper may be straight or rounded, begin below the marking or right at it, and light from
-one side shifts the two edges differently. Whatever was there at teaching is there again when the needle is the same.
+one side shifts the two edges differently. Whatever was there at teaching is there again when the probe is the same.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.core.caliper import Floats
+from vision.core import Floats
 from vision.tip.strip import (
     CALIPER_STEP_PX,
     CYLINDER_LENGTH_PX,
@@ -19,8 +19,8 @@ from vision.tip.strip import (
     RIM_CLEARANCE_PX,
 )
 
-# A needle narrower than this share of its cylinder at the marking has no cylinder there: it tapers all along.
 TAPERED = 0.75
+"""A probe narrower than this share of its cylinder at the marking has no cylinder there: it tapers all along."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +29,7 @@ class Silhouette:
 
     `left_px` are the edges on the side of negative v, `right_px` those of positive v. The first `cylinder_rows` rows
     are on the cylinder, the others on the taper below the marking; the marking itself has no rows.
-    dim_side: of a needle lit from one side the side (-1 or +1) whose flank is so dim that its edge is lost before a
+    dim_side: of a probe lit from one side the side (-1 or +1) whose flank is so dim that its edge is lost before a
     board; it is not measured, but `shade_px` (N,) tells where on it the light was down to half. 0, and none, of others.
     """
 
@@ -51,7 +51,7 @@ class Silhouette:
         return np.asarray((self.right_px - self.left_px) / 2.0, dtype=np.float64)
 
     def rim_half_px(self, u_px: float) -> float:
-        """Return the half width a rim at `u_px` goes round, px: the cylinder's, or less where all the needle tapers."""
+        """Return the half width a rim at `u_px` goes round, px: the cylinder's, or less where all the probe tapers."""
         cylinder = float(np.mean(self.half_px[: self.cylinder_rows]))
         there = float(np.interp(u_px, self.u_px, self.half_px))
         return there if there < TAPERED * cylinder else cylinder

@@ -1,6 +1,6 @@
-"""Lay the needle straight: a strip of the picture along it, and what can be read off its rows and columns.
+"""Straightened strip of the image along the probe, and what can be read off its rows and columns.
 
-Strip coordinates: u runs along the needle towards its end and is 0 where the end is expected, v runs across it,
+Strip coordinates: u runs along the probe towards its end and is 0 where the end is expected, v runs across it,
 turned from u as y is from x.
 """
 
@@ -11,24 +11,24 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from vision.core.caliper import Floats, derivative
-from vision.core.image import Plane
+from vision.core import Floats, Plane, derivative
 
-# Rows between two calipers; the strip is averaged over as many rows plus one, so that neighbours hardly share noise.
 CALIPER_STEP_PX = 4
-# Clear of the end, of the rims' bow, and as far up the cylinder as the axis needs.
+"""Rows between two calipers; the strip is averaged over as many rows plus one, so that neighbours hardly share
+noise."""
 END_CLEARANCE_PX = 25
+"""Clear of the end, of the rims' bow, and as far up the cylinder as the axis needs."""
 RIM_CLEARANCE_PX = 22
 CYLINDER_LENGTH_PX = 130
 EDGE_SIGMA_PX = 0.8
-# Levels this far above black, as a share of the brightest, are compared by ratio: below lies noise.
 GROUND_SHARE, LEAST_GROUND = 0.05, 4.0
+"""Levels this far above black, as a share of the brightest, are compared by ratio: below lies noise."""
 _NEXT, _BESIDE = np.ones((1, 3), dtype=np.uint8), np.ones((1, 5), dtype=np.uint8)
 
 
 @dataclass(frozen=True, slots=True)
-class NeedleShape:
-    """Tell the needle's sizes: half widths grow from `end_half_px` by `taper_slope` px per px up to the marking.
+class ProbeShape:
+    """Tell the probe's sizes: half widths grow from `end_half_px` by `taper_slope` px per px up to the marking.
 
     A summary of the taught `Silhouette` by a straight taper; what is measured is measured against the silhouette.
     """
@@ -46,7 +46,7 @@ class NeedleShape:
 
     @property
     def length_px(self) -> float:
-        """Return how far above the end the needle is measured, px."""
+        """Return how far above the end the probe is measured, px."""
         return self.end_to_rim_px + self.marking_px + RIM_CLEARANCE_PX + CYLINDER_LENGTH_PX + CALIPER_STEP_PX
 
 
@@ -84,11 +84,19 @@ def straighten(
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     laid: Plane = np.asarray(cv2.warpAffine(plane, matrix, size, flags=flags, borderMode=cv2.BORDER_REPLICATE))
     low, high = quantiles(laid[::6, ::5], 0.05, 0.99)
-    return ProbeStrip(laid, at_px[0], at_px[1], angle_rad, u_from_px, reach_px, max(0.05 * (high - low), 2.0))
+    return ProbeStrip(
+        pixels=laid,
+        x_px=at_px[0],
+        y_px=at_px[1],
+        angle_rad=angle_rad,
+        u_from_px=u_from_px,
+        reach_px=reach_px,
+        edge_level=max(0.05 * (high - low), 2.0),
+    )
 
 
-def around(plane: Plane, at_px: tuple[float, float], angle_rad: float, shape: NeedleShape, spare_px: int) -> ProbeStrip:
-    """Return the strip that holds the whole measured needle and `spare_px` more on every side."""
+def around(plane: Plane, at_px: tuple[float, float], angle_rad: float, shape: ProbeShape, spare_px: int) -> ProbeStrip:
+    """Return the strip that holds the whole measured probe and `spare_px` more on every side."""
     above, aside = int(shape.length_px) + spare_px, int(shape.cylinder_half_px) + 10 + spare_px
     return straighten(plane, at_px, angle_rad, -above, 24 + spare_px, aside)
 
@@ -100,8 +108,8 @@ def quantiles(values: Plane, low: float, high: float) -> tuple[float, float]:
     return float(ordered[at_low]), float(ordered[at_high])
 
 
-def middle(values: Floats | Plane) -> float:
-    """Return the middle value (the upper one of two), several times faster than numpy's median on short arrays.
+def upper_median(values: Floats | Plane) -> float:
+    """Return the median (the upper of two middle values), several times faster than numpy's median on short arrays.
 
     NaN for none at all: whatever it is compared with, nothing is concluded from it.
     """
@@ -114,7 +122,7 @@ def middle(values: Floats | Plane) -> float:
 def across_slope(strip: ProbeStrip, *, by_ratio: bool = False) -> Plane:
     """Return d/dv of the strip, averaged along u over a caliper's own rows, levels per px.
 
-    by_ratio: of the brightness' logarithm instead, scaled to the same range of levels: the dim flank of a needle lit
+    by_ratio: of the brightness' logarithm instead, scaled to the same range of levels: the dim flank of a probe lit
     from one side then shows more than the end of the light on it.
     """
     averaged: Plane = np.asarray(cv2.blur(strip.pixels, (1, CALIPER_STEP_PX + 1)), dtype=np.float32)
@@ -143,7 +151,7 @@ def _edge_map(slope: Plane, edge_level: float) -> Plane:
 
 
 def middle_profile(strip: ProbeStrip, axis: tuple[float, float], half_px: int) -> Plane:
-    """Return the median brightness of the needle's middle (+-half_px) along u, one value per row of the strip."""
+    """Return the median brightness of the probe's middle (+-half_px) along u, one value per row of the strip."""
     u = np.arange(strip.pixels.shape[0]) + strip.u_from_px
     centre = np.rint(axis[0] + axis[1] * u).astype(np.intp) + strip.reach_px
     columns = np.clip(centre[:, None] + np.arange(-half_px, half_px + 1), 0, strip.pixels.shape[1] - 1)

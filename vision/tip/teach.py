@@ -1,8 +1,8 @@
-"""Teach a needle: from one white frame and the operator's click on its end, measure what `find_tip` relies on.
+"""Teaching of a probe: from one white image and the operator's click on its end, what `find_tip` relies on.
 
 The end should stand before a dark, quiet background (thesis 5.3.6): edges are taught as they are seen there, and what a
-brighter ground does to them later is worked out from that (`tip_ground`). The click fixes only the distance h from the
-marking's lower rim to the end: across the needle the measured axis is better than any hand.
+brighter ground does to them later is worked out from that (`background`). The click fixes only the distance h from the
+marking's lower rim to the end: across the probe the measured axis is better than any hand.
 """
 
 from __future__ import annotations
@@ -12,29 +12,28 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.core.caliper import Floats, robust_fit
-from vision.core.image import Gray, Plane
+from vision.core import Floats, Gray, Plane, robust_fit
 from vision.tip.edges import EdgePoints, edge_points
 from vision.tip.marking_rim import join_rim, marking_levels, rim_columns, rim_places
-from vision.tip.outline import RoughOutline, rough_needle
+from vision.tip.outline import RoughOutline, rough_probe
 from vision.tip.shade import dim_side, taught_shade_px
 from vision.tip.silhouette import Silhouette, caliper_rows
-from vision.tip.strip import NeedleShape, ProbeStrip, across_slope, middle, middle_profile, straighten
+from vision.tip.strip import ProbeShape, ProbeStrip, across_slope, middle_profile, straighten, upper_median
 
-# The needle comes into view from the upper left; teaching looks this far to either side of that direction.
 AXIS_HINT_RAD = float(np.arctan2(232.0, 119.0))
+"""The probe comes into view from the upper left; teaching looks this far to either side of that direction."""
 LENGTH_PX, BELOW_PX = 420, 30
 REACH_PX = 64
 WIDE_REACH_PX = 130
-# A hand on a screen hits the end within about a pixel; further off the axis, the click or the axis is wrong.
 CLICK_REACH_PX = 3.0
-# A row whose edge moved by this much more than its neighbours' was drawn away by something else.
+"""A hand on a screen hits the end within about a pixel; further off the axis, the click or the axis is wrong."""
 LONE_ROW_PX = 1.2
+"""A row whose edge moved by this much more than its neighbours' was drawn away by something else."""
 MOST_OFF_AXIS_PX = 0.5
-# Whether the left and the right edge are looked for by ratio (see `across_slope`).
 BY_LEVEL, BY_RATIO = (False, False), (True, True)
-# Edges found by level and by ratio lie about the same axis when no farther apart at either end.
+"""Whether the left and the right edge are looked for by ratio (see `across_slope`)."""
 SAME_AXIS_PX = 0.3
+"""Edges found by level and by ratio lie about the same axis when no farther apart at either end."""
 LEAST_RIM_STRENGTH, LEAST_RIM_AGREEMENT = 8.0, 0.5
 
 
@@ -45,7 +44,7 @@ class Taught:
     x_px: float
     y_px: float
     angle_rad: float
-    shape: NeedleShape
+    shape: ProbeShape
     outline: Silhouette
     rim_form_px: Floats
     marking_contrast: float
@@ -53,9 +52,9 @@ class Taught:
 
 
 def measure(plane: Gray, tip_px: tuple[float, float], hint_rad: float) -> Taught:
-    """Measure the needle that ends at `tip_px` in a clean gray picture; ValueError says what could not be found."""
+    """Measure the probe that ends at `tip_px` in a clean gray image; ValueError says what could not be found."""
     image = plane.astype(np.float32)
-    rough = rough_needle(straighten(image, tip_px, hint_rad, -LENGTH_PX, 20, WIDE_REACH_PX))
+    rough = rough_probe(straighten(image, tip_px, hint_rad, -LENGTH_PX, 20, WIDE_REACH_PX))
     angle = hint_rad + rough.tilt_rad
     strip, outline = _straightened(image, tip_px, angle, rough.outline, BY_LEVEL)
     ratios, by_ratio = _straightened(image, tip_px, angle, rough.outline, BY_RATIO)
@@ -69,7 +68,7 @@ def measure(plane: Gray, tip_px: tuple[float, float], hint_rad: float) -> Taught
 def _straightened(
     image: Plane, tip_px: tuple[float, float], angle_rad: float, rough: Silhouette, by_ratio: tuple[bool, bool]
 ) -> tuple[ProbeStrip, Silhouette]:
-    """Return the strip along the needle's axis and the outline about it, found from a rough outline.
+    """Return the strip along the probe's axis and the outline about it, found from a rough outline.
 
     by_ratio: whether the left and the right edge are where the brightness changes fastest by ratio, not by levels.
     """
@@ -86,7 +85,7 @@ def _same_axis(levels: ProbeStrip, ratios: ProbeStrip, outline: Silhouette) -> b
     """Return whether edges found by level and by ratio lie about the same axis.
 
     Where the light comes from one side the steepest place of the dim flank is within it, where the light ends; by ratio
-    it is the needle's edge. Otherwise the levels are better: they have less noise, and move less with the blur.
+    it is the probe's edge. Otherwise the levels are better: they have less noise, and move less with the blur.
     """
     turn = float(np.tan(ratios.angle_rad - levels.angle_rad))
     c, s = np.cos(levels.angle_rad), np.sin(levels.angle_rad)
@@ -161,13 +160,22 @@ def _conclude(strip: ProbeStrip, rough: RoughOutline, outline: Silhouette, click
     metal, dark = marking_levels(strip, (0.0, 0.0), rim1_u, rim2_u)
     shape, outline = _sizes(outline, along, rim1_u, rim2_u)
     x, y = strip.to_image(along, 0.0)
-    return Taught(x, y, strip.angle_rad, shape, outline, form, 1.0 - dark / max(metal, 1.0), across)
+    return Taught(
+        x_px=x,
+        y_px=y,
+        angle_rad=strip.angle_rad,
+        shape=shape,
+        outline=outline,
+        rim_form_px=form,
+        marking_contrast=1.0 - dark / max(metal, 1.0),
+        click_offset_px=across,
+    )
 
 
 def _check_end(strip: ProbeStrip, end_u_px: float) -> None:
     """Raise ValueError unless the metal ends near the given point."""
     values, at = middle_profile(strip, (0.0, 0.0), 1), round(end_u_px) - strip.u_from_px
-    metal, beyond = middle(values[at - 16 : at - 6]), middle(values[at + 6 : at + 16])
+    metal, beyond = upper_median(values[at - 16 : at - 6]), upper_median(values[at + 6 : at + 16])
     if metal < 1.15 * beyond + 6.0:
         raise ValueError(
             f"the needle does not end at the given point: it is as bright beyond ({beyond:.0f} of 255) as before it "
@@ -184,8 +192,8 @@ def _rims(strip: ProbeStrip, rough: RoughOutline, outline: Silhouette) -> tuple[
     rim2 = join_rim(columns, half, u2, strength2, form)
     around = np.full(columns.size, rough.rim1_u_px)
     u1, strength1 = rim_places(strip, (0.0, 0.0), columns, around, 9, -1.0)
-    rim1 = middle(u1[np.abs(columns) <= 4])
-    faint = min(rim2.strength, middle(strength1))
+    rim1 = upper_median(u1[np.abs(columns) <= 4])
+    faint = min(rim2.strength, upper_median(strength1))
     if faint < LEAST_RIM_STRENGTH or rim2.agreement < LEAST_RIM_AGREEMENT:
         raise ValueError(
             "the rims of the black marking are too faint or ragged to teach (strength "
@@ -197,19 +205,21 @@ def _rims(strip: ProbeStrip, rough: RoughOutline, outline: Silhouette) -> tuple[
 def _smooth_form(columns: NDArray[np.intp], u_px: Floats) -> Floats:
     """Return the rim's form over the columns, 0 at the axis: wild columns replaced, its centre averaged."""
     bow = np.stack([np.ones(columns.size), columns, columns**2.0], axis=1)
-    fit = robust_fit(bow, u_px - middle(u_px))
-    smooth = bow @ fit.parameters + middle(u_px)
+    fit = robust_fit(bow, u_px - upper_median(u_px))
+    smooth = bow @ fit.parameters + upper_median(u_px)
     form = np.where(np.abs(u_px - smooth) < 3.0, u_px, smooth)
     return np.asarray(form - float(np.mean(form[np.abs(columns) <= 3])), dtype=np.float64)
 
 
-def _sizes(outline: Silhouette, end_u_px: float, rim1_u_px: float, rim2_u_px: float) -> tuple[NeedleShape, Silhouette]:
+def _sizes(outline: Silhouette, end_u_px: float, rim1_u_px: float, rim2_u_px: float) -> tuple[ProbeShape, Silhouette]:
     """Return the sizes and the outline with its rows counted from the end, where the click has put it."""
     h, marking = end_u_px - rim2_u_px, rim2_u_px - rim1_u_px
     u, cylinder_rows = caliper_rows(h, marking)
     left, right = (np.interp(u, outline.u_px - end_u_px, side) for side in (outline.left_px, outline.right_px))
     shade = None if outline.shade_px is None else np.interp(u, outline.u_px - end_u_px, outline.shade_px)
-    final = Silhouette(u, left, right, cylinder_rows, outline.dim_side, shade)
+    final = Silhouette(
+        u_px=u, left_px=left, right_px=right, cylinder_rows=cylinder_rows, dim_side=outline.dim_side, shade_px=shade
+    )
     cylinder = float(np.mean(final.half_px[~final.on_taper]))
     taper_u, taper = u[final.on_taper], final.half_px[final.on_taper]
     narrowing = taper < 0.93 * cylinder
@@ -219,7 +229,7 @@ def _sizes(outline: Silhouette, end_u_px: float, rim1_u_px: float, rim2_u_px: fl
     if not (0.02 < slope < 1.0):
         raise ValueError("the needle does not narrow towards the given end: use a dark, quiet background")
     _check_axis(final, cylinder)
-    return NeedleShape(h, marking, max(end, 0.5), slope, cylinder), final
+    return ProbeShape(h, marking, max(end, 0.5), slope, cylinder), final
 
 
 def _check_axis(outline: Silhouette, cylinder_half_px: float) -> None:

@@ -1,6 +1,6 @@
-"""Search the golden template around its taught place (thesis 5.3.3): where the needle is, roughly.
+"""Search for the golden template around its taught place (thesis 5.3.3): where the probe is, roughly.
 
-Only what the needle itself shows is compared, its marking and the light on its metal: what lies beside it may be darker
+Only what the probe itself shows is compared, its marking and the light on its metal: what lies beside it may be darker
 or brighter than it was at teaching, and counts neither for nor against.
 """
 
@@ -13,23 +13,23 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.core.image import Gray, Plane
+from vision.core import Gray, Plane
 from vision.tip.probe_model import SEARCH_REACH_PX, TEMPLATE_HEIGHT_PX, TEMPLATE_WIDTH_PX, ProbeModel
 
-# The search runs on a quarter of the size: the edges find the needle to a hundredth of a pixel afterwards.
 SHRINK = 4
+"""The search runs on a quarter of the size: the edges find the probe to a hundredth of a pixel afterwards."""
 TURNS_DEG = (-2.0, 0.0, 2.0)
-# A busy background can look more like the template than the needle before it does: other places are kept in hand.
 MOST_MATCHES, WORSE = 3, 0.2
-# The border of the needle is left out as well: the lens mixes it with the ground, and the place is a guess.
+"""A busy background can look more like the template than the probe before it does: other places are kept in hand."""
 BORDER_PX = 2.0
-# Places closer than this, in shrunk pixels, are one and the same.
+"""The border of the probe is left out as well: the lens mixes it with the ground, and the place is a guess."""
 APART = 2
+"""Places closer than this, in shrunk pixels, are one and the same."""
 
 
 @dataclass(frozen=True, slots=True)
 class TemplateMatch:
-    """Hold where the template fits best: place of the end in the frame, needle angle, correlation -1..1."""
+    """Hold where the template fits best: place of the end in the image, probe angle, correlation -1..1."""
 
     x_px: float
     y_px: float
@@ -39,14 +39,14 @@ class TemplateMatch:
 
 @dataclass(frozen=True, slots=True)
 class _Template:
-    """Hold the template at one turn, shrunk: `weights` sum to 1, `pattern` has mean 0, variance 1 over the needle."""
+    """Hold the template at one turn, shrunk: `weights` sum to 1, `pattern` has mean 0, variance 1 over the probe."""
 
     weights: Plane
     pattern: Plane
 
 
 def region(model: ProbeModel) -> tuple[int, int, int, int]:
-    """Return the part of the frame that everything is measured in: x, y, width, height in px."""
+    """Return the part of the image that everything is measured in: x, y, width, height in px."""
     side, up = model.shape.cylinder_half_px + 14.0, model.shape.length_px
     c, s = np.cos(model.angle_rad), np.sin(model.angle_rad)
     u, v = np.array([-up, -up, 12.0, 12.0]), np.array([-side, side, -side, side])
@@ -55,7 +55,7 @@ def region(model: ProbeModel) -> tuple[int, int, int, int]:
     x1, y1 = min(int(xs.min()) - SEARCH_REACH_PX // 2, x), min(int(ys.min()) - SEARCH_REACH_PX // 2, y)
     x2 = max(int(xs.max()) + SEARCH_REACH_PX // 2, x + width)
     y2 = max(int(ys.max()) + SEARCH_REACH_PX // 2, y + height)
-    # The cylinder may leave the picture at the top or the left: its calipers stop there.
+    # The cylinder may leave the image at the top or the left: its calipers stop there.
     return min(max(x1, 0), x), min(max(y1, 0), y), x2 - min(max(x1, 0), x), y2 - min(max(y1, 0), y)
 
 
@@ -64,7 +64,7 @@ def search(
 ) -> list[TemplateMatch]:
     """Search the golden template around its taught place by masked normalised correlation (eq. 5.3), turned a little.
 
-    plane: the region's pixels, free of salt and pepper; origin: its top-left pixel in the frame. Returns up to
+    plane: the region's pixels, free of salt and pepper; origin: its top-left pixel in the image. Returns up to
     MOST_MATCHES places, the best first, each clearly apart from the better ones.
     """
     x, y, width, height = model.search_roi_px
@@ -102,29 +102,29 @@ def _correlate(small: Plane, squared: Plane, template: _Template) -> Plane:
 
 @lru_cache(maxsize=64)
 def _template(model: ProbeModel, turn_deg: float) -> _Template:
-    """Return the model's template turned about the needle's end; models are compared by identity."""
-    picture, cover = _turned(model, turn_deg)
+    """Return the model's template turned about the probe's end; models are compared by identity."""
+    turned, cover = _turned(model, turn_deg)
     weights = np.where(cover > 0.5, 1.0, 0.0)
     weights /= weights.sum()
-    pattern = picture - np.sum(weights * picture)
+    pattern = turned - np.sum(weights * turned)
     pattern = weights * pattern / np.sqrt(np.sum(weights * np.square(pattern)) + 1e-6)
     return _Template(weights.astype(np.float32), pattern.astype(np.float32))
 
 
 def _turned(model: ProbeModel, turn_deg: float) -> tuple[Plane, Plane]:
-    """Return the template and the needle's cover (0..1) of it, turned about the needle's end and shrunk."""
+    """Return the template and the probe's cover (0..1) of it, turned about the probe's end and shrunk."""
     tip = model.tip_px[0] - model.corner_px[0], model.tip_px[1] - model.corner_px[1]
     matrix = cv2.getRotationMatrix2D(tip, -turn_deg, 1.0)
     size = (TEMPLATE_WIDTH_PX, TEMPLATE_HEIGHT_PX)
     inside = np.zeros(size[::-1], dtype=np.uint8)
     cv2.fillPoly(inside, [np.rint(_inner_px(model)).astype(np.int32)], (255,))
-    picture = cv2.warpAffine(model.template, matrix, size, borderMode=cv2.BORDER_REPLICATE)
+    turned = cv2.warpAffine(model.template, matrix, size, borderMode=cv2.BORDER_REPLICATE)
     cover = cv2.warpAffine(inside, matrix, size)
-    return _shrink(np.asarray(picture, dtype=np.uint8)), _shrink(np.asarray(cover, dtype=np.uint8)) / 255.0
+    return _shrink(np.asarray(turned, dtype=np.uint8)), _shrink(np.asarray(cover, dtype=np.uint8)) / 255.0
 
 
 def _inner_px(model: ProbeModel) -> NDArray[np.float64]:
-    """Return the polygon (N, 2) in the template's pixels of the needle without its border."""
+    """Return the polygon (N, 2) in the template's pixels of the probe without its border."""
     outline = model.outline
     left, right = outline.left_px + BORDER_PX, outline.right_px - BORDER_PX
     u, v = np.concatenate([outline.u_px, outline.u_px[::-1]]), np.concatenate([left, right[::-1]])

@@ -1,1 +1,1 @@
-"""The calibration jobs and what they leave behind; start at `jobs`."""
+"""Procedures of the calibrations; start at `dispatch`."""

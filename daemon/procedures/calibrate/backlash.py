@@ -1,4 +1,4 @@
-"""The play of X and Y: come to one place from below and from above, and see where the tip ends up."""
+"""Backlash of X and Y: come to one place from below and from above, and see where the tip ends up."""
 
 from __future__ import annotations
 
@@ -11,45 +11,47 @@ from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.states import Event
 from daemon.jobs.context import JobContext, Outcome, StationContext
 from daemon.procedures.calibrate.commit import Began, keep
-from daemon.procedures.calibrate.targets import Mark, Sight
+from daemon.procedures.calibrate.targets import CalibrationTarget, Sighting
 from daemon.procedures.move_sequence import BELOW, MoveSequence, shifted
 from daemon.storage.calibration_records import AxisBacklash, BacklashRecord
 from drivers.gantry import Position
-from vision.geometry.pose_map import PoseMap
+from vision.geometry import PoseMap
 
 REPEATS = 8
-"""Of each side; with stops that scatter by 6 um an axis, the play is then known to 3 um."""
+"""Of each side; with stops that scatter by 6 um an axis, the backlash is then known to 3 um."""
 AWAY_UM = 400.0
 REACH_PX = 120.0
 Axis = Literal["x", "y"]
 
 
-async def measure_backlash(job: JobContext, context: StationContext, mark: Mark, theta_deg: float) -> Outcome:
-    """Measure the play of X and Y on a resting mark and keep it, with the verdict on the one-sided approach."""
+async def measure_backlash(
+    job: JobContext, context: StationContext, target: CalibrationTarget, theta_deg: float
+) -> Outcome:
+    """Measure the backlash of X and Y on a resting target and store it, with the verdict on the one-sided approach."""
     context.calibrations.require_probe()
-    pose_map = context.calibrations.require_map(context.config.servo.calibration_days, context.config.gantry.work_z_um)
-    await context.station.require_homed(job.watch, job.deadline)
-    over = context.geometry.position_at(mark.place_um, theta_deg)
-    r = context.config.servo.max_placement_um + AWAY_UM
+    pose_map = context.require_map()
+    await context.station.require_homed(job)
+    over = context.geometry.position_at(target.place_um, theta_deg)
+    r = context.servo.max_placement_um + AWAY_UM
     for dx, dy in ((-r, -r), (r, r)):
         context.station.check(shifted(over, dx, dy))
     job.fire(Event.ACCEPTED)
     began = Began.now(job)
-    work = _Play(MoveSequence(job, context), mark, pose_map, over)
-    x = await work.axis("x", 0)
-    y = await work.axis("y", REPEATS)
+    visits = _Visits(MoveSequence(job, context), target, pose_map, over)
+    x = await visits.axis("x", 0)
+    y = await visits.axis("y", REPEATS)
     record = BacklashRecord(
-        **began.facts(job, context), x=x, y=y, approach_um=context.config.gantry.approach_um
+        **began.facts(job, context), x=x, y=y, approach_um=context.gantry.approach_um
     )  # fmt: skip
     kept = await keep(job, context, record)
     return Outcome("calibrated", detail=_told(record) | kept)
 
 
-class _Play:
-    """Visits from both sides."""
+class _Visits:
+    """Visits of one place from both sides."""
 
-    def __init__(self, sequence: MoveSequence, mark: Mark, pose_map: PoseMap, over: Position) -> None:
-        self._sequence, self._mark, self._map, self._over = sequence, mark, pose_map, over
+    def __init__(self, sequence: MoveSequence, target: CalibrationTarget, pose_map: PoseMap, over: Position) -> None:
+        self._sequence, self._target, self._map, self._over = sequence, target, pose_map, over
 
     async def axis(self, axis: Axis, done: int) -> AxisBacklash:
         """Visit the place from both sides in turn; drift between the two then counts for neither."""
@@ -58,30 +60,30 @@ class _Play:
             self._sequence.job.progress(done + n, 2 * REPEATS, f"play of {axis.upper()}")
             below.append(await self._tip_um(axis, -AWAY_UM, BELOW))
             above.append(await self._tip_um(axis, AWAY_UM, frozenset({axis})))
-        play_um = float(np.mean(above) - np.mean(below))
+        backlash_um = float(np.mean(above) - np.mean(below))
         sigma_um = math.sqrt((np.var(above, ddof=1) + np.var(below, ddof=1)) / REPEATS)
         return AxisBacklash(
-            from_below_um=tuple(below), from_above_um=tuple(above), backlash_um=play_um, sigma_um=float(sigma_um)
+            from_below_um=tuple(below), from_above_um=tuple(above), backlash_um=backlash_um, sigma_um=float(sigma_um)
         )  # fmt: skip
 
     async def _tip_um(self, axis: Axis, from_um: float, from_above: frozenset[str]) -> float:
-        """Come from one side; return where the tip then is along the axis, from the mark."""
+        """Come from one side; return where the tip then is along the axis, from the target."""
         sequence, probe = self._sequence, self._sequence.context.calibrations.require_probe()
         await sequence.go(shifted(self._over, **{f"d{axis}_um": from_um}), from_above=from_above)
         position = await sequence.go(self._over, from_above=from_above)
-        sight = await self._mark.see(sequence.job, sequence.context, position, self._map.below_tip_px, REACH_PX)
-        if not isinstance(sight, Sight):
+        sighting = await self._target.see(sequence.job, sequence.context, position, self._map.below_tip_px, REACH_PX)
+        if not isinstance(sighting, Sighting):
             raise Fault(
                 FaultCode.CALIBRATION_FAILED,
-                f"{self._mark.name} was not seen: {sight.why}",
+                f"{self._target.name} was not seen: {sighting.why}",
                 advice="choose a mark that stands alone, or see that the printed cross is uncovered",
             )
-        way = self._map.correction(sight.target_px, probe.tip_px, position.theta_deg, sight.sigma_px)
+        way = self._map.correction(sighting.target_px, probe.tip_px, position.theta_deg, sighting.sigma_px)
         return -(way.dx_um if axis == "x" else way.dy_um)
 
 
 def _told(record: BacklashRecord) -> dict[str, object]:
-    """Return the figures for the answer, and whether the one-sided approach takes the play up."""
+    """Return the figures for the answer, and whether the one-sided approach takes the backlash up."""
     worst_um = max(abs(a.backlash_um) + 3 * a.sigma_um for a in (record.x, record.y))
     return {
         "what": "backlash",

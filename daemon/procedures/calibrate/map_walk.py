@@ -1,8 +1,8 @@
-"""Walk round one resting mark and learn the map from image to robot (thesis 6.2, on one head angle).
+"""Acquisition of the map from image to robot: a walk round one resting target (thesis 6.2, on one head angle).
 
 First by small fixed steps along both axes (table 6.1), then by what those taught over the whole region a correction
-may come from. At the end the head is lifted beside the mark: how far the mark's picture then moves is how far the
-place below the hovering tip lies from the tip's own picture. It is lifted, not lowered: no surface is touched.
+may come from. At the end the head is lifted beside the target: how far its image then moves is how far the
+place below the hovering tip lies from the tip's own image. It is lifted, not lowered: no surface is touched.
 """
 
 from __future__ import annotations
@@ -14,63 +14,62 @@ from typing import Final
 import numpy as np
 
 from daemon.domain.errors import Fault, FaultCode
-from daemon.procedures.calibrate.targets import Mark, Sight
+from daemon.procedures.calibrate.targets import CalibrationTarget, Sighting
 from daemon.procedures.move_sequence import MoveSequence, shifted
 from drivers.gantry import Position
-from vision.geometry.frames import Array
-from vision.geometry.pose_map import MapPoint, PoseMap, fit_pose_map
+from vision.geometry import Array, MapPoint, PoseMap, fit_pose_map
 
 TABLE_6_1: Final = ((10.0, 300.0), (6.0, 200.0), (4.0, 100.0), (3.0, 50.0), (0.0, 30.0))
 """Distance seen, px, from which on a step is so long, um."""
 SEARCH_STEPS = ((0.0, 0.0), *((500.0 * math.cos(a), 500.0 * math.sin(a)) for a in np.linspace(0.4, 6.0, 7)))
-"""Where to stand for the first sight: over the mark, else round it, for the needle may hide it."""
+"""Where to stand for the first sighting: over the target, else round it, for the needle may hide it."""
 LEAST_SCALE = 1e-4
-"""px/um squared; a picture that moves less with the head does not show the mark."""
+"""px/um squared; an image that moves less with the head does not show the target."""
 RINGS = ((0.45, 6), (0.95, 10))
-"""Places round the mark: share of the largest placement error, and how many on that circle."""
+"""Places round the target: share of the largest placement error, and how many on that circle."""
 MIN_SIGHTINGS = 9
 LIFTS = 3
 """How often the lift is measured; without X and Y moving in between only the camera's noise differs."""
 LIFT_REACH_PX = 20.0
-"""Lifting by the hovering height moves the picture by about half of this."""
+"""Lifting by the hovering height moves the image by about half of this."""
 
 
 def table_step_um(seen_px: float) -> float:
-    """Return the fixed step of table 6.1 for a distance seen in the picture."""
+    """Return the fixed step of table 6.1, um, for a distance seen in the image."""
     return next(step_um for from_px, step_um in TABLE_6_1 if seen_px >= from_px)
 
 
-class Walk:
-    """The way of the head round the mark, and what was seen from each place."""
+class MapAcquisition:
+    """The way of the head round the target, and what was seen from each place."""
 
-    def __init__(self, sequence: MoveSequence, mark: Mark, theta_deg: float) -> None:
-        self._sequence, self._mark = sequence, mark
+    def __init__(self, sequence: MoveSequence, target: CalibrationTarget, theta_deg: float) -> None:
+        self._sequence, self._target = sequence, target
         self._job, self._context = sequence.job, sequence.context
-        self.over = self._context.geometry.position_at(mark.place_um, theta_deg)
-        self._reach_um = self._context.config.servo.max_placement_um
-        self._reach_px = 2 * self._reach_um / self._context.config.camera.pitch_um
-        self._hover_um = self._context.config.gantry.work_z_um - self._context.config.gantry.touch_z_um
+        self.over = self._context.geometry.position_at(target.place_um, theta_deg)
+        self._reach_um = self._context.servo.max_placement_um
+        self._reach_px = 2 * self._reach_um / self._context.camera.pitch_um
+        self._hover_um = self._context.gantry.work_z_um - self._context.gantry.touch_z_um
         self.tip_px = self._context.calibrations.require_probe().tip_px
         self._why_unseen = ""
         self.sightings: list[MapPoint] = []
 
     def extremes(self) -> list[Position]:
-        """Return the corners of the walk, so that the envelope is checked before the first step."""
+        """Return the corners of the acquisition, so that the envelope is checked before the first step."""
         r = 2 * self._reach_um
         return [shifted(self.over, dx, dy, dz) for dx in (-r, r) for dy in (-r, r) for dz in (0.0, self._hover_um)]
 
     async def run(self) -> PoseMap:
-        """Walk, see, fit; raise ValueError if that gives no map."""
+        """MapAcquisition, see, fit; raise ValueError if that gives no map."""
         offset = await self._approach()
         total = sum(count for _, count in RINGS)
         for radius, count in RINGS:
             for k in range(count):
                 angle = 2 * math.pi * (k + radius) / count
                 await self._visit(offset + radius * self._reach_um * np.array([math.cos(angle), math.sin(angle)]))
-                self._job.progress(len(self.sightings), total + 3, f"map on {self._mark.name}")
+                self._job.progress(len(self.sightings), total + 3, f"map on {self._target.name}")
         if len(self.sightings) < MIN_SIGHTINGS:
             raise ValueError(
-                f"{self._mark.name} was seen from {len(self.sightings)} places only; {MIN_SIGHTINGS} are needed: "
+                f"{self._target.name} was seen from {len(self.sightings)} places only; {MIN_SIGHTINGS} are needed: "
                 f"{self._why_unseen}"
             )
         rough = self._fit((0.0, 0.0), 0.0)
@@ -79,7 +78,7 @@ class Walk:
         return self._fit((float(x), float(y)), float(lifts.std(axis=0, ddof=1).mean()) / math.sqrt(LIFTS))
 
     async def _approach(self) -> Array:
-        """Find the mark, learn the map's linear part by small steps, and return where the head is over it."""
+        """Find the target, learn the map's linear part by small steps, and return where the head is over it."""
         start, seen = await self._first_seen(np.zeros(2), SEARCH_STEPS)
         step_um = table_step_um(math.dist(seen, self.tip_px))
         along_x, seen_x = await self._first_seen(start, ((step_um, 0.0), (-step_um, 0.0)))
@@ -88,23 +87,23 @@ class Walk:
         px_per_um = np.column_stack([seen_x - seen, seen_y - seen]) @ np.linalg.inv(steps)
         if abs(np.linalg.det(px_per_um)) < LEAST_SCALE:
             raise ValueError("the picture hardly moves with the head; check that the camera sees the mark")
-        # Where the head must go so that the mark appears at the tip; it is only the centre of the walk.
+        # Where the head must go so that the target appears at the tip; it is only the centre of the walk.
         offset = start + np.linalg.solve(px_per_um, np.array(self.tip_px) - seen)
         length = float(np.linalg.norm(offset))
         return np.asarray(offset * min(1.0, self._reach_um / length), dtype=float)
 
     async def _first_seen(self, start: Array, steps: Sequence[tuple[float, float]]) -> tuple[Array, Array]:
-        """Try places beside `start` until tip and mark are both seen; return the place and the mark's pixel."""
+        """Try places beside `start` until tip and target are both seen; return the place and the target's pixel."""
         for step in steps:
             place = start + np.array(step)
             seen = await self._visit(place)
             if seen is not None:
                 return place, seen
         kind = FaultCode.TEST_POINT_NOT_FOUND
-        raise Fault(kind, f"{self._mark.name} was not seen with the tip: {self._why_unseen}")
+        raise Fault(kind, f"{self._target.name} was not seen with the tip: {self._why_unseen}")
 
     async def _lift(self, rough: PoseMap) -> Array:
-        """Measure the oblique view's parallax by lifting the head beside the mark; (LIFTS, 2) px."""
+        """Measure the oblique view's parallax by lifting the head beside the target; (LIFTS, 2) px."""
         level = shifted(self.over, *self._clear_side(rough))
         seen = []
         for _ in range(LIFTS):
@@ -114,41 +113,41 @@ class Walk:
             seen.append(np.subtract(high.target_px, low.target_px))
         return np.array(seen)
 
-    async def _not_lost(self, place: Position, offset_px: tuple[float, float], reach_px: float) -> Sight:
-        """Go there and see the mark; raise ValueError if it is not seen."""
-        sight = await self._see(await self._sequence.go(place), offset_px, reach_px)
-        if sight is None:
-            raise ValueError(f"{self._mark.name} was lost while the needle was lifted beside it: {self._why_unseen}")
-        return sight
+    async def _not_lost(self, place: Position, offset_px: tuple[float, float], reach_px: float) -> Sighting:
+        """Go there and see the target; raise ValueError if it is not seen."""
+        sighting = await self._see(await self._sequence.go(place), offset_px, reach_px)
+        if sighting is None:
+            raise ValueError(f"{self._target.name} was lost while the needle was lifted beside it: {self._why_unseen}")
+        return sighting
 
     def _clear_side(self, rough: PoseMap) -> tuple[float, float]:
         """Choose a sighting beside the needle, across its direction.
 
-        The needle leaves the mark alone there; and across the view the parallax is what it is at the tip itself, which
-        along the view it is not.
+        The needle does not hide the target there; and across the view the parallax is what it is at the tip itself,
+        which along the view it is not.
         """
         probe = self._context.calibrations.require_probe()
         scale = rough.scale_px_per_um(self.tip_px)
-        way_px = min(self._mark.size_um / 2 * scale + probe.shape.cylinder_half_px, self._reach_px / 2)
+        way_px = min(self._target.size_um / 2 * scale + probe.shape.cylinder_half_px, self._reach_px / 2)
         across = np.array([-math.sin(probe.angle_rad), math.cos(probe.angle_rad)])
         wanted = [np.array(self.tip_px) + side * way_px * across for side in (-1, 1)]
         best = min(self.sightings, key=lambda s: min(math.dist(s.target_px, want) for want in wanted))
         return best.x_um - self.over.x_um, best.y_um - self.over.y_um
 
     async def _visit(self, offset_um: Array) -> Array | None:
-        """Go to a place beside the mark and log where it appears; None where needle or background hide it."""
-        target = shifted(self.over, float(offset_um[0]), float(offset_um[1]))
-        sight = await self._see(await self._sequence.go(target), (0.0, 0.0), self._reach_px)
-        if sight is None:
+        """Go to a place beside the target and log where it appears; None where needle or background hide it."""
+        place = shifted(self.over, float(offset_um[0]), float(offset_um[1]))
+        sighting = await self._see(await self._sequence.go(place), (0.0, 0.0), self._reach_px)
+        if sighting is None:
             return None
-        at = sight.position
-        self.sightings.append(MapPoint(sight.target_px, at.x_um, at.y_um, at.theta_deg))
-        return np.array(sight.target_px)
+        at = sighting.position
+        self.sightings.append(MapPoint(sighting.target_px, at.x_um, at.y_um, at.theta_deg))
+        return np.array(sighting.target_px)
 
-    async def _see(self, position: Position, offset_px: tuple[float, float], reach_px: float) -> Sight | None:
-        """Look once; remember why if the mark is not seen."""
-        seen = await self._mark.see(self._job, self._context, position, offset_px, reach_px)
-        if isinstance(seen, Sight):
+    async def _see(self, position: Position, offset_px: tuple[float, float], reach_px: float) -> Sighting | None:
+        """Look once; remember why if the target is not seen."""
+        seen = await self._target.see(self._job, self._context, position, offset_px, reach_px)
+        if isinstance(seen, Sighting):
             return seen
         self._why_unseen = seen.why
         return None
@@ -159,6 +158,6 @@ class Walk:
             tip_px=self.tip_px,
             below_tip_px=below_px,
             below_sigma_px=below_sigma_px,
-            work_z_um=self._context.config.gantry.work_z_um,
+            work_z_um=self._context.gantry.work_z_um,
             hover_um=self._hover_um,
         )

@@ -1,4 +1,4 @@
-"""The planarity check (thesis 6.2, end): touch places all over the board, fit the plane, give a verdict."""
+"""Planarity check of the surface (thesis 6.2, end): touch places all over the board, fit the plane, give a verdict."""
 
 from __future__ import annotations
 
@@ -15,8 +15,7 @@ from daemon.procedures.move_sequence import MoveSequence, shifted
 from daemon.procedures.surface_touch import heights_um, press
 from daemon.storage.calibration_records import SurfaceRecord, Touch
 from daemon.wire.operations.jobs import Calibrate
-from vision.geometry.frames import Array
-from vision.geometry.surface_plane import Surface, fit_plane
+from vision.geometry import Array, Surface, fit_plane
 
 PLANAR_WITHIN_UM = 50.0
 """Two pixels of the tip's place: the thesis' measure of the same height, on its camera."""
@@ -27,7 +26,7 @@ LEAST_PLACES = 4
 
 async def measure_surface(job: JobContext, context: StationContext, request: Calibrate) -> Outcome:
     """Touch test points of the board, fit the plane they lie in and keep it; if they lie in none the old one stays."""
-    press_um = context.config.gantry.press_um
+    press_um = context.gantry.press_um
     if press_um <= 0.0:
         raise Fault(
             FaultCode.NOT_CALIBRATED,
@@ -35,11 +34,11 @@ async def measure_surface(job: JobContext, context: StationContext, request: Cal
             advice="set gantry.press_um to what the pin takes, say 200, and repeat",
         )
     context.calibrations.require_probe()
-    pose_map = context.calibrations.require_map(context.config.servo.calibration_days, context.config.gantry.work_z_um)
-    await context.station.require_homed(job.watch, job.deadline)
+    pose_map = context.require_map()
+    await context.station.require_homed(job)
     points = _choose(context.board.test_points(), request.places, request.id)
     places = [context.geometry.position_over(point.place_um, request.theta_deg) for point in points]
-    deep_um = context.config.gantry.work_z_um - context.config.gantry.touch_z_um + press_um
+    deep_um = context.gantry.work_z_um - context.gantry.touch_z_um + press_um
     for place in places:
         context.station.check(place)
         context.station.check(shifted(place, dz_um=-deep_um))

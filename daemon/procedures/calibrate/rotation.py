@@ -1,8 +1,8 @@
-"""Rotational calibration: at each head angle find where the head stands when the tip is on the control point.
+"""Calibration of the head's rotation: where the head stands, at each angle, when the tip is on the control point.
 
 The thesis walks there in fixed steps, 21 minutes for 320 angles (6.2). With the map one look says how far the tip is
 off, and a smooth model of the head needs few angles (appendix D's own record shows it), so a look or two an angle do.
-Afterwards the new model is tried: the head jumps to the mark at angles it was not fitted on.
+Afterwards the new model is tried: the head jumps to the target at angles it was not fitted on.
 """
 
 from __future__ import annotations
@@ -17,17 +17,15 @@ from daemon.domain.states import Event
 from daemon.jobs.context import JobContext, Outcome, StationContext
 from daemon.procedures.calibrate.commit import Began, keep
 from daemon.procedures.calibrate.head_angles import between, plan_angles
-from daemon.procedures.calibrate.map_walk import Walk
-from daemon.procedures.calibrate.pose_map import walk_and_keep
+from daemon.procedures.calibrate.map_walk import MapAcquisition
+from daemon.procedures.calibrate.pose_map import acquire_and_store
 from daemon.procedures.calibrate.rotation_run import MAX_CLOSURE_UM, MeasuredAngle, RotationRun
-from daemon.procedures.calibrate.targets import Mark, choose_mark
+from daemon.procedures.calibrate.targets import CalibrationTarget, choose_target
 from daemon.procedures.move_sequence import MoveSequence, shifted
 from daemon.storage.calibration_records import Circle, RotationLimits, RotationRecord, TrialLanding
 from daemon.wire.operations.jobs import Calibrate
-from vision.geometry.pose_map import PoseMap
-from vision.head.fit import Choice, HeadFit, fit_head
-from vision.head.model import Head, head_to_dict
-from vision.head.total_error import total_error_um
+from vision.geometry import PoseMap
+from vision.head import Choice, Head, HeadFit, fit_head, head_to_dict, total_error_um
 
 CHECKS = 8
 """Landings by which the new model is tried."""
@@ -38,15 +36,15 @@ MAX_LANDING_UM = 200.0
 
 async def calibrate_rotation(job: JobContext, context: StationContext, request: Calibrate) -> Outcome:
     """Calibrate the head's rotation on the control point; the old calibration stays unless the new one is good."""
-    mark = choose_mark(context.config, context.geometry, None)
+    target = choose_target(context, None)
     context.calibrations.require_probe()
-    await context.station.require_homed(job.watch, job.deadline)
+    await context.station.require_homed(job)
     theta = context.config.axes.theta
     angles = plan_angles(request.angles, request.every_deg, theta.minimum, theta.maximum)
-    _check_reach(context, mark, angles)
+    _check_reach(context, target, angles)
     job.fire(Event.ACCEPTED)
     sequence, began = MoveSequence(job, context), Began.now(job)
-    run = RotationRun(sequence, mark, await _map(sequence, mark, angles[0]), angles, spare_steps=CHECKS)
+    run = RotationRun(sequence, target, await _map(sequence, target, angles[0]), angles, spare_steps=CHECKS)
     resumed = await run.measure(resume=request.resume)
     prior = context.geometry.head
     fit = fit_or_refuse(run.measured, request.model)
@@ -56,25 +54,25 @@ async def calibrate_rotation(job: JobContext, context: StationContext, request: 
     return Outcome("calibrated", detail=_told(record) | {"resumed": resumed} | kept)
 
 
-def _check_reach(context: StationContext, mark: Mark, angles: Sequence[float]) -> None:
-    """See that the head may stand everywhere round the mark before it moves at all."""
-    r = context.config.servo.max_placement_um
+def _check_reach(context: StationContext, target: CalibrationTarget, angles: Sequence[float]) -> None:
+    """See that the head may stand everywhere round the target before it moves at all."""
+    r = context.servo.max_placement_um
     for angle in angles:
-        over = context.geometry.position_at(mark.place_um, angle)
+        over = context.geometry.position_at(target.place_um, angle)
         for dx, dy in ((-r, -r), (r, r)):
             context.station.check(shifted(over, dx, dy))
 
 
-async def _map(sequence: MoveSequence, mark: Mark, theta_deg: float) -> PoseMap:
-    """Return the map in force; where there is none, walk one on the control point itself."""
+async def _map(sequence: MoveSequence, target: CalibrationTarget, theta_deg: float) -> PoseMap:
+    """Return the map in force; where there is none, acquire one on the control point itself."""
     context = sequence.context
     try:
-        return context.calibrations.require_map(context.config.servo.calibration_days, context.config.gantry.work_z_um)
+        return context.require_map()
     except Fault as missing:
         if missing.kind is not FaultCode.NOT_CALIBRATED:
             raise
-    await walk_and_keep(sequence.job, context, Walk(sequence, mark, theta_deg), mark)
-    return context.calibrations.require_map(context.config.servo.calibration_days, context.config.gantry.work_z_um)
+    await acquire_and_store(sequence.job, context, MapAcquisition(sequence, target, theta_deg), target)
+    return context.require_map()
 
 
 def fit_or_refuse(measured: MeasuredAngle, model: Choice) -> HeadFit:
@@ -96,7 +94,7 @@ def fit_or_refuse(measured: MeasuredAngle, model: Choice) -> HeadFit:
 
 
 async def _try_out(run: RotationRun, fit: HeadFit, angles: list[float]) -> list[TrialLanding]:
-    """Jump to the mark by the new model at angles it has not seen; refuse it if a jump misses by far."""
+    """Jump to the target by the new model at angles it has not seen; refuse it if a jump misses by far."""
     landings = await run.land(fit.head, fit.control_um, angles)
     worst_um = max((math.hypot(one.dx_um, one.dy_um) for one in landings), default=math.inf)
     if worst_um > MAX_LANDING_UM:
@@ -118,7 +116,7 @@ def _record(
     errors = np.array([(one.dx_um, one.dy_um) for one in before])
     return RotationRecord(
         **facts,  # type: ignore[arg-type]  # checked by the model
-        control_um=run.mark.place_um,
+        control_um=run.target.place_um,
         card_height_um=measured.card_height_um,
         stops=measured.stops,
         used=tuple(bool(u) for u in fit.used),

@@ -1,4 +1,4 @@
-"""One run over the head angles: go, look, correct, write down; and go on where an interrupted run ended.
+"""Run over the head angles: go, look, correct, write down; and go on where an interrupted run ended.
 
 What was measured is kept on disk after every angle. A run is continued only if its last stop is still where it was,
 and is closed by visiting its first angle again: nothing may have moved meanwhile.
@@ -15,21 +15,20 @@ from numpy.typing import ArrayLike
 
 from daemon.domain.errors import Fault, FaultCode
 from daemon.procedures.calibrate.commit import on_disk
-from daemon.procedures.calibrate.targets import Mark, Sight
+from daemon.procedures.calibrate.targets import CalibrationTarget, Sighting
 from daemon.procedures.move_sequence import MoveSequence, shifted
 from daemon.procedures.surface_touch import card_height_um
 from daemon.storage.calibration_records import SeenTarget, Stop, TrialLanding
 from daemon.storage.calibration_resume import Partial
 from drivers.gantry import Position
-from vision.geometry.frames import Array
-from vision.geometry.pose_map import PoseMap
-from vision.head.model import Head
+from vision.geometry import Array, PoseMap
+from vision.head import Head
 
 NEAR_UM = 60.0
 """From this near one look measures the rest; from farther away the tip is walked nearer first."""
 MAX_LOOKS = 3
 ASIDE_UM = ((0.0, 0.0), (250.0, 0.0), (-250.0, 0.0), (0.0, 250.0), (0.0, -250.0))
-"""Where else to stand when the needle hides the mark."""
+"""Where else to stand when the needle hides the target."""
 REACH_PX = 80.0
 MAX_CLOSURE_UM = 40.0
 """Two stops at one place differ by less than this: five sigma of a station that repeats to 8 um."""
@@ -49,15 +48,21 @@ class RotationRun:
     """The visits of one run. `spare_steps`: what its owner will still do after `measure`, for the bar."""
 
     def __init__(
-        self, sequence: MoveSequence, mark: Mark, pose_map: PoseMap, angles: list[float], *, spare_steps: int
+        self,
+        sequence: MoveSequence,
+        target: CalibrationTarget,
+        pose_map: PoseMap,
+        angles: list[float],
+        *,
+        spare_steps: int,
     ) -> None:
-        self.mark, self.measured, self.closure_um = mark, MeasuredAngle(), math.nan
+        self.target, self.measured, self.closure_um = target, MeasuredAngle(), math.nan
         self._sequence, self._map, self._angles = sequence, pose_map, angles
         self._job, self._context = sequence.job, sequence.context
         self._steps = len(angles) + spare_steps + 1
         self._head: Head = sequence.context.geometry.head
-        self._control_um: Array = np.asarray(mark.place_um, dtype=float)
-        """Where the mark seems to be by the head known so far; it follows the run-out from stop to stop."""
+        self._control_um: Array = np.asarray(target.place_um, dtype=float)
+        """Where the target seems to be by the head known so far; it follows the run-out from stop to stop."""
         self._missed: list[float] = []
 
     # --- the run ------------------------------------------------------------------------------------------------
@@ -76,24 +81,24 @@ class RotationRun:
         return resumed
 
     async def land(self, head: Head, control_um: ArrayLike, angles: list[float]) -> list[TrialLanding]:
-        """Jump to the mark by another head model, once an angle, and return where the tip came to be from it."""
+        """Jump to the target by another head model, once an angle, and return where the tip came to be from it."""
         self._head, self._control_um = head, np.asarray(control_um, dtype=float)
         landings = []
         for n, angle in enumerate(angles):
             self._job.progress(self._steps - len(angles) + n, self._steps, f"landing at {angle:.1f} deg")
-            sight = await self._look_from(self._over(angle), REACH_PX)
-            if isinstance(sight, Sight):
-                dx_um, dy_um = self._off(sight)
+            sighting = await self._look_from(self._over(angle), REACH_PX)
+            if isinstance(sighting, Sighting):
+                dx_um, dy_um = self._off(sighting)
                 landings.append(TrialLanding(theta_deg=angle, dx_um=-dx_um, dy_um=-dy_um))
         return landings
 
     async def _begin(self) -> None:
-        """Find the mark at the first angle, wherever it lies within reach, and measure how high its surface is."""
-        self.measured, self._control_um = MeasuredAngle(), np.asarray(self.mark.place_um, dtype=float)
-        servo, camera = self._context.config.servo, self._context.config.camera
+        """Find the target at the first angle, wherever it lies within reach, and measure how high its surface is."""
+        self.measured, self._control_um = MeasuredAngle(), np.asarray(self.target.place_um, dtype=float)
+        servo, camera = self._context.servo, self._context.camera
         first = await self._stop_at(self._angles[0], 2 * servo.max_placement_um / camera.pitch_um)
         if isinstance(first, str):
-            raise _lost(f"the {self.mark.name} was not seen at {self._angles[0]:.1f} deg: {first}")
+            raise _lost(f"the {self.target.name} was not seen at {self._angles[0]:.1f} deg: {first}")
         height_um = await card_height_um(self._sequence, self._map, self._over(self._angles[0]))
         self.measured = replace(self.measured, card_height_um=height_um)
 
@@ -104,7 +109,7 @@ class RotationRun:
             self._missed.append(angle)
             if len(self._missed) > max(1.0, MAX_MISSED_SHARE * len(self._angles)):
                 where = ", ".join(f"{a:.1f}" for a in self._missed)
-                raise _lost(f"the {self.mark.name} was not seen at {where} deg: {found}")
+                raise _lost(f"the {self.target.name} was not seen at {where} deg: {found}")
             return
         stop, seen = found
         so_far = self.measured
@@ -117,12 +122,12 @@ class RotationRun:
         self._job.progress(len(self._angles), self._steps, f"again {first.theta_deg:.1f} deg")
         away = await self._moved_um(first)
         if isinstance(away, str):
-            raise _lost(f"the {self.mark.name} was lost at the end: {away}")
+            raise _lost(f"the {self.target.name} was lost at the end: {away}")
         self.closure_um = away
         if away > MAX_CLOSURE_UM:
             raise Fault(
                 FaultCode.CALIBRATION_FAILED,
-                f"at {first.theta_deg:.1f} deg the {self.mark.name} is {away:.0f} um from where it was at the start",
+                f"at {first.theta_deg:.1f} deg the {self.target.name} is {away:.0f} um from where it was at the start",
                 advice="it moved or an axis slipped: fix the print, `home`, and calibrate again",
                 closure_um=round(away, 1),
             )
@@ -130,57 +135,61 @@ class RotationRun:
     # --- one angle ----------------------------------------------------------------------------------------------
 
     async def _stop_at(self, angle: float, reach_px: float) -> tuple[Stop, SeenTarget] | str:
-        """Bring the tip onto the mark at one head angle; return what was measured, or why it was not seen."""
-        target, first_off_um, looks = self._over(angle), math.nan, 0
+        """Bring the tip onto the target at one head angle; return what was measured, or why it was not seen."""
+        place, first_off_um, looks = self._over(angle), math.nan, 0
         while True:
-            sight = await self._look_from(target, reach_px)
+            sighting = await self._look_from(place, reach_px)
             looks += 1
-            if isinstance(sight, str):
-                return sight
-            dx_um, dy_um = self._off(sight)
+            if isinstance(sighting, str):
+                return sighting
+            dx_um, dy_um = self._off(sighting)
             off_um = math.hypot(dx_um, dy_um)
             first_off_um = off_um if math.isnan(first_off_um) else first_off_um
-            at = sight.position
-            target = Position(at.x_um + dx_um, at.y_um + dy_um, target.z_um, target.theta_deg)
+            at = sighting.position
+            place = Position(at.x_um + dx_um, at.y_um + dy_um, place.z_um, place.theta_deg)
             if off_um <= NEAR_UM or looks == MAX_LOOKS:
                 break
-        self._control_um = np.add((target.x_um, target.y_um), self._head.tip_offset_um(angle))
-        stop = Stop(theta_deg=angle, x_um=target.x_um, y_um=target.y_um, off_um=round(first_off_um, 2), looks=looks)
-        return stop, SeenTarget(theta_deg=angle, target_px=sight.target_px, x_um=at.x_um, y_um=at.y_um)
+        self._control_um = np.add((place.x_um, place.y_um), self._head.tip_offset_um(angle))
+        stop = Stop(theta_deg=angle, x_um=place.x_um, y_um=place.y_um, off_um=round(first_off_um, 2), looks=looks)
+        return stop, SeenTarget(theta_deg=angle, target_px=sighting.target_px, x_um=at.x_um, y_um=at.y_um)
 
-    async def _look_from(self, target: Position, reach_px: float) -> Sight | str:
-        """Go there and look; if the needle hides the mark, look from beside; return why if it is seen from nowhere."""
+    async def _look_from(self, place: Position, reach_px: float) -> Sighting | str:
+        """Go there and look; if the needle hides the target, look from beside; return why if no place shows it."""
         why = ""
         offset = self._map.below_px(self.measured.card_height_um)
         for dx_um, dy_um in ASIDE_UM:
-            position = await self._sequence.go(shifted(target, dx_um, dy_um))
-            seen = await self.mark.see(self._job, self._context, position, offset, reach_px)
-            if isinstance(seen, Sight):
+            position = await self._sequence.go(shifted(place, dx_um, dy_um))
+            seen = await self.target.see(self._job, self._context, position, offset, reach_px)
+            if isinstance(seen, Sighting):
                 return seen
             why = why or seen.why
         return why
 
-    def _off(self, sight: Sight) -> tuple[float, float]:
-        """Return the way from the tip to the mark, robot frame, um."""
+    def _off(self, sighting: Sighting) -> tuple[float, float]:
+        """Return the way from the tip to the target, robot frame, um."""
         tip_px = self._context.calibrations.require_probe().tip_px
         way = self._map.correction(
-            sight.target_px, tip_px, sight.position.theta_deg, sight.sigma_px, height_um=self.measured.card_height_um
+            sighting.target_px,
+            tip_px,
+            sighting.position.theta_deg,
+            sighting.sigma_px,
+            height_um=self.measured.card_height_um,
         )
         return way.dx_um, way.dy_um
 
     def _over(self, angle: float) -> Position:
-        """Return where the head should stand for the tip to be on the mark, by all that is known so far."""
+        """Return where the head should stand for the tip to be on the target, by all that is known so far."""
         x_um, y_um = self._control_um - self._head.tip_offset_um(angle)
-        return Position(float(x_um), float(y_um), self._context.config.gantry.work_z_um, angle)
+        return Position(float(x_um), float(y_um), self._context.gantry.work_z_um, angle)
 
     async def _moved_um(self, stop: Stop) -> float | str:
         """Measure a stop again; return how far it is from where it was, or why it was not seen."""
-        place = Position(stop.x_um, stop.y_um, self._context.config.gantry.work_z_um, stop.theta_deg)
-        sight = await self._look_from(place, REACH_PX)
-        if isinstance(sight, str):
-            return sight
-        dx_um, dy_um = self._off(sight)
-        return math.dist((sight.position.x_um + dx_um, sight.position.y_um + dy_um), (stop.x_um, stop.y_um))
+        place = Position(stop.x_um, stop.y_um, self._context.gantry.work_z_um, stop.theta_deg)
+        sighting = await self._look_from(place, REACH_PX)
+        if isinstance(sighting, str):
+            return sighting
+        dx_um, dy_um = self._off(sighting)
+        return math.dist((sighting.position.x_um + dx_um, sighting.position.y_um + dy_um), (stop.x_um, stop.y_um))
 
     # --- going on with an interrupted run -----------------------------------------------------------------------
 
@@ -191,7 +200,7 @@ class RotationRun:
             station=context.config.station.name,
             probe=context.calibrations.fingerprint,
             map_made_at=str(context.calibrations.mapped_at),
-            control_um=self.mark.place_um,
+            control_um=self.target.place_um,
             angles=tuple(self._angles),
             card_height_um=self.measured.card_height_um,
             stops=self.measured.stops,

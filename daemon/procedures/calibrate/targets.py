@@ -1,16 +1,14 @@
-"""What calibrations look at: a resting thing with a sharp centre, be it a round target or the printed cross."""
+"""Calibration targets: resting things with a sharp centre, be it a round target of the board or the printed cross."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Protocol
 
-from daemon.config.model import Config
 from daemon.domain.board import BoardPoint
 from daemon.domain.errors import Fault, FaultCode
 from daemon.jobs.context import JobContext, StationContext
 from daemon.procedures.aiming import describe, refuse_unusable
-from daemon.station.kinematics import Geometry
 from daemon.station.station import CrossSearch, LookResult, Search
 from drivers.gantry import Position
 from vision import ControlPoint, NotFound, Reason, TestPoint, Tip
@@ -22,10 +20,10 @@ CROSS = "control point"
 
 
 @dataclass(frozen=True)
-class Sight:
-    """The mark and the tip in one picture. `target_px` is the mark as if the tip stood at the taught place.
+class Sighting:
+    """Target and tip in one frame. `target_px` is the target as if the tip stood at the taught place.
 
-    From stop to stop camera and needle flex together; what counts is where the mark is from the tip.
+    From stop to stop camera and needle flex together; what counts is where the target is from the tip.
     """
 
     tip: Tip
@@ -35,8 +33,8 @@ class Sight:
 
 
 @dataclass(frozen=True)
-class Unseen:
-    """Why the mark, or the tip, is not in the picture. Falsy."""
+class NotSeen:
+    """Why the target, or the tip, was not seen. Falsy."""
 
     why: str
 
@@ -45,7 +43,7 @@ class Unseen:
         return False
 
 
-class Mark(Protocol):
+class CalibrationTarget(Protocol):
     """One resting thing to look at."""
 
     @property
@@ -67,12 +65,12 @@ class Mark(Protocol):
         position: Position,
         offset_px: tuple[float, float],
         reach_px: float,
-    ) -> Sight | Unseen:
-        """Look once from `position`, for the mark within `reach_px` of the place `offset_px` from the tip."""
+    ) -> Sighting | NotSeen:
+        """Look once from `position`, for the target within `reach_px` of the place `offset_px` from the tip."""
 
 
 @dataclass(frozen=True)
-class RoundMark:
+class RoundTarget:
     """A round target of the board, seen in red light."""
 
     point: BoardPoint
@@ -95,23 +93,23 @@ class RoundMark:
         position: Position,
         offset_px: tuple[float, float],
         reach_px: float,
-    ) -> Sight | Unseen:
+    ) -> Sighting | NotSeen:
         """Take a look in both lights."""
-        expected_px = self.point.diameter_um / 2 / context.config.camera.pitch_um
+        expected_px = self.point.diameter_um / 2 / context.camera.pitch_um
         probe = context.calibrations.require_probe()
         search = Search(offset_px, reach_px, expected_px)
-        look = await context.station.look(position, probe, search, job.watch, job.deadline)
+        look = await context.station.look(position, probe, search, job)
         job.saw(look)
         target = look.seen.nearest if look.seen is not None else None
         found = target if isinstance(target, TestPoint) else None
         job.note("look", describe(look, found, None))
         if isinstance(found, TestPoint) and found.visible < MIN_VISIBLE:
-            return Unseen("the needle hides too much of it")
-        return _sight(look, target, context)
+            return NotSeen("the needle hides too much of it")
+        return _sighting(look, target, context)
 
 
 @dataclass(frozen=True)
-class CrossMark:
+class CrossTarget:
     """The printed control point, seen in white light together with the tip."""
 
     place_um: tuple[float, float]
@@ -134,47 +132,47 @@ class CrossMark:
         position: Position,
         offset_px: tuple[float, float],
         reach_px: float,
-    ) -> Sight | Unseen:
-        """Take one white picture."""
-        search = CrossSearch(offset_px, reach_px, self.arm_um / context.config.camera.pitch_um)
+    ) -> Sighting | NotSeen:
+        """Take one white frame."""
+        search = CrossSearch(offset_px, reach_px, self.arm_um / context.camera.pitch_um)
         probe = context.calibrations.require_probe()
-        look = await context.station.look_white(position, probe, search, job.watch, job.deadline)
+        look = await context.station.look_white(position, probe, search, job)
         job.saw(look)
         job.note("look", describe(look, None, None))
         if isinstance(look.cross, ControlPoint) and look.cross.sigma_px > MAX_CROSS_SIGMA_PX:
-            return Unseen(f"its centre is known to {look.cross.sigma_px:.1f} px only; is it sharp, clean and flat?")
-        return _sight(look, look.cross, context)
+            return NotSeen(f"its centre is known to {look.cross.sigma_px:.1f} px only; is it sharp, clean and flat?")
+        return _sighting(look, look.cross, context)
 
 
-def choose_mark(config: Config, geometry: Geometry, point: BoardPoint | None) -> Mark:
+def choose_target(context: StationContext, point: BoardPoint | None) -> CalibrationTarget:
     """Return the round target that was named, else the control point of the configuration."""
     if point is not None:
-        x_um, y_um = geometry.board_to_robot_um(point.place_um)
-        return RoundMark(point, (float(x_um), float(y_um)))
-    cross = config.control_point
+        x_um, y_um = context.geometry.board_to_robot_um(point.place_um)
+        return RoundTarget(point, (float(x_um), float(y_um)))
+    cross = context.config.control_point
     if cross is None:
         raise Fault(
             FaultCode.NOT_CALIBRATED,
             "the configuration has no [control_point]",
             advice="fix the printed cross beside the board and write its place into station.toml",
         )
-    return CrossMark(cross.place_um, cross.arm_um)
+    return CrossTarget(cross.place_um, cross.arm_um)
 
 
-def _sight(
+def _sighting(
     look: LookResult, target: TestPoint | ControlPoint | NotFound | None, context: StationContext
-) -> Sight | Unseen:
-    """Put tip and mark together; a picture that is no good anywhere is a fault at once."""
+) -> Sighting | NotSeen:
+    """Put tip and target together; raise `Fault` if the frame itself is no good, for no other place helps then."""
     if not isinstance(look.tip, Tip) or not isinstance(target, TestPoint | ControlPoint):
         missing = target if isinstance(look.tip, Tip) else look.tip
         if not isinstance(missing, NotFound):
-            return Unseen("it was not looked for")
-        # A white picture in which the tip is seen is good; where it is dark beside the tip, the print is not there.
+            return NotSeen("it was not looked for")
+        # A white frame in which the tip is seen is good; where it is dark beside the tip, the print is not there.
         bare = look.red is None and missing is target
         if missing.reason is not Reason.OUT_OF_FRAME and not bare:
             refuse_unusable(missing)
-        return Unseen(missing.message if missing is target else f"the tip was not found: {missing.message}")
+        return NotSeen(missing.message if missing is target else f"the tip was not found: {missing.message}")
     x, y = context.calibrations.require_probe().tip_px
     shift = x - look.tip.x_px, y - look.tip.y_px
     sigma_px = (look.tip.sigma_px**2 + target.sigma_px**2) ** 0.5
-    return Sight(look.tip, (target.x_px + shift[0], target.y_px + shift[1]), sigma_px, look.position)
+    return Sighting(look.tip, (target.x_px + shift[0], target.y_px + shift[1]), sigma_px, look.position)

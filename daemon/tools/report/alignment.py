@@ -11,7 +11,7 @@ from markupsafe import Markup
 from daemon.storage.calibration_records import AlignmentRecord
 from daemon.tools.report.page import Number, PageVerdict, Plot
 from daemon.tools.report.svg import INK, MAIN, SECOND, TIMES, new_figure, to_svg
-from vision.geometry.frames import Array
+from vision.geometry import Array
 
 SUBJECT: Final = "Alignment of the board"
 MAGNIFIED: Final = (1000, 500, 200, 100, 50, 20, 10)

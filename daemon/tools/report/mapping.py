@@ -14,9 +14,7 @@ from matplotlib.axes import Axes
 from daemon.storage.calibration_records import MapRecord
 from daemon.tools.report.page import Number, PageVerdict, Plot
 from daemon.tools.report.svg import BAD, INK, MAIN, MUTED, SECOND, TIMES, new_figure, to_svg
-from vision.geometry.frames import Array, rotation
-from vision.geometry.homography import jacobian
-from vision.geometry.pose_map import PoseMap
+from vision.geometry import Array, PoseMap, jacobian, rotation
 
 SUBJECT: Final = "Map from image to robot"
 MAGNIFIED: Final = (100, 50, 20, 10, 5, 2, 1)

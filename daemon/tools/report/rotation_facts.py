@@ -12,8 +12,8 @@ import numpy as np
 
 from daemon.storage.calibration_records import RotationRecord, SeenTarget, TrialLanding
 from drivers.gantry.contract import THETA_FIRST_DEG, THETA_LAST_DEG
-from vision.geometry.frames import Array
-from vision.head.model import head_from_dict, tip_offsets_um
+from vision.geometry import Array
+from vision.head import head_from_dict, tip_offsets_um
 
 FORBIDDEN_DEG: Final = (THETA_LAST_DEG, THETA_FIRST_DEG)
 """Between these the head may not be; nothing is measured there and no curve is drawn."""

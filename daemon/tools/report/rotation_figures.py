@@ -20,7 +20,7 @@ from daemon.tools.report.rotation_facts import (
     lengths_um,
 )
 from daemon.tools.report.svg import BAD, BAND, INK, MAIN, MUTED, SECOND, TIMES, WARM, new_figure, to_svg
-from vision.geometry.frames import Array
+from vision.geometry import Array
 
 RINGS_UM: Final = (50.0, 100.0, 200.0)
 MOST_SHOWN_UM: Final = 300.0

@@ -11,8 +11,7 @@ from matplotlib.ticker import MaxNLocator
 from daemon.storage.calibration_records import SurfaceRecord
 from daemon.tools.report.page import Number, PageVerdict, Plot
 from daemon.tools.report.svg import BAD, INK, MAIN, MUTED, SECOND, new_figure, to_svg
-from vision.geometry.frames import Array
-from vision.geometry.surface_plane import Surface
+from vision.geometry import Array, Surface
 
 SUBJECT: Final = "Surface below the needle"
 RAMP: Final = "viridis"

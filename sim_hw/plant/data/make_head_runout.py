@@ -1,4 +1,4 @@
-"""Make head_runout.csv from the thesis' appendix D: how far the real head is from a perfect circle, per degree.
+"""Maker of head_runout.csv from the thesis' appendix D: how far the real head is from a perfect circle, per degree.
 
 Usage: python sim_hw/plant/data/make_head_runout.py APPENDIX_D.csv > sim_hw/plant/data/head_runout.csv
 """

@@ -81,8 +81,8 @@ def run(plan: Plan, watcher: Watcher) -> None:
     stop, speaking = threading.Event(), threading.Lock()
     clocked = [Batch(plan.seed, 0, by_clock=True)] if "rotation" in plan.steps else []
     with ThreadPoolExecutor(1) as beside, ThreadPoolExecutor(plan.workers) as workers:
-        futures = [beside.submit(_station, plan, batch, watcher, speaking, stop) for batch in clocked]
-        futures += [workers.submit(_station, plan, batch, watcher, speaking, stop) for batch in batches(plan)]
+        futures = [beside.submit(run_station, plan, batch, watcher, speaking, stop) for batch in clocked]
+        futures += [workers.submit(run_station, plan, batch, watcher, speaking, stop) for batch in batches(plan)]
         try:
             for future in as_completed(futures):
                 future.result()
@@ -91,7 +91,7 @@ def run(plan: Plan, watcher: Watcher) -> None:
             raise
 
 
-def _station(plan: Plan, batch: Batch, watcher: Watcher, speaking: threading.Lock, stop: threading.Event) -> None:
+def run_station(plan: Plan, batch: Batch, watcher: Watcher, speaking: threading.Lock, stop: threading.Event) -> None:
     """Run one station from its start to its end and tell what came of it."""
     if stop.is_set():
         return

@@ -73,7 +73,7 @@ def judge(name: Name, repeats: int = 1) -> list[Record]:
             start = time.process_time()
             answer = call()
             times.append(1e3 * (time.process_time() - start))
-        records.append(_record(name, scene, method, answer.at_px, answer.reason, float(np.median(times))))
+        records.append(record_of(name, scene, method, answer.at_px, answer.reason, float(np.median(times))))
     _warm.add(name.task)
     return records
 
@@ -82,7 +82,8 @@ def judge(name: Name, repeats: int = 1) -> list[Record]:
 _warm: set[str] = set()
 
 
-def _record(name: Name, scene: Any, method: str, at: tuple[float, float] | None, reason: str, ms: float) -> Record:
+def record_of(name: Name, scene: Any, method: str, at: tuple[float, float] | None, reason: str, ms: float) -> Record:
+    """Judge an answer by the scene's truth: where it is off, and what that makes of it."""
     truth = scene.truth_px
     dx = dy = float("nan")
     if at is None:

@@ -37,8 +37,8 @@ class FakeHardware:
         if what in self.errors:
             raise self.errors[what]
 
-    async def in_error(self, _deadline: Any) -> bool:
-        await self._ask("in_error")
+    async def in_trouble(self, _deadline: Any) -> bool:
+        await self._ask("in_trouble")
         return self.drive_error
 
     async def recover(self, _deadline: Any) -> None:

@@ -362,3 +362,37 @@ async def test_the_first_check_of_a_start_latches_what_it_finds(station: Station
     await station.supervisor.first_check()
     assert station.latch.fault is not None
     assert station.latch.fault.kind is FaultCode.LIGHT_FAILED
+
+
+@pytest.mark.parametrize(
+    ("latched", "raised"),
+    [
+        ([], True),
+        ([FaultCode.CAMERA_FAILED], True),
+        ([FaultCode.CAMERA_FAILED, FaultCode.LINK_LOST], False),
+        ([FaultCode.LIGHT_FAILED, FaultCode.NOT_HOMED], False),
+    ],
+)
+async def test_at_the_end_the_needle_is_raised_unless_any_fault_speaks_against_it(
+    station: Station, latched: list[FaultCode], *, raised: bool
+) -> None:
+    await station.supervisor.open()
+    for kind in latched:
+        station.latch.latch(Fault(kind))
+    station.hardware.did.clear()
+    await station.supervisor.release()
+    assert station.hardware.did[-1] == "close"
+    assert ("position" in station.hardware.did) is raised
+
+
+async def test_at_the_end_nothing_moves_while_an_axis_is_in_doubt(station: Station) -> None:
+    await station.supervisor.open()
+    station.latch.doubt(["z"])
+    station.hardware.did.clear()
+    await station.supervisor.release()
+    assert station.hardware.did == ["close"]
+
+
+async def test_a_station_that_was_never_opened_has_nothing_to_release(station: Station) -> None:
+    await station.supervisor.release()
+    assert station.hardware.did == []

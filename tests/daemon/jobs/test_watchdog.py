@@ -6,10 +6,11 @@ import asyncio
 from pathlib import Path
 
 import pytest
+from structlog.testing import capture_logs
 
 from daemon.jobs.runner import EXCLUSIVE_WITHIN_S, JobRunner
 from daemon.jobs.station_lock import StationLock
-from daemon.jobs.watchdog import GRACE_S, SILENT_S, Watchdog
+from daemon.jobs.watchdog import GRACE_S, SILENT_S, UNWATCHED_EVERY_S, Watchdog
 from daemon.storage.journal import Journal
 from daemon.wire.operations.jobs import Home
 from tests.daemon.jobs.surroundings import surroundings
@@ -73,6 +74,43 @@ def test_a_job_past_its_deadline_is_a_hang_however_busy_it_is() -> None:
     assert not watchdog.check_in(2)
     watchdog.end()
     assert watchdog.check_in(), "the next job is another one's trouble"
+
+
+@pytest.mark.parametrize("over_s", [0.0, 0.5])
+def test_a_job_has_its_whole_grace_and_its_whole_silence(over_s: float) -> None:
+    dog = FakeManager()
+    watchdog = dog.watchdog()
+    watchdog.begin(due_s=dog.now_s + 10.0)
+    dog.now_s += 10.0 + GRACE_S + over_s
+    assert watchdog.check_in("a look") is (over_s == 0.0)
+    watchdog.begin(due_s=dog.now_s + 3600.0)
+    dog.now_s += SILENT_S + over_s
+    assert watchdog.check_in() is (over_s == 0.0)
+
+
+def test_a_hang_is_logged_once_for_each_job_with_what_is_wrong() -> None:
+    dog = FakeManager()
+    watchdog = dog.watchdog()
+    with capture_logs() as logs:
+        for job in (1, 2):
+            watchdog.begin(due_s=dog.now_s + 10.0)
+            assert watchdog.check_in(job)
+            dog.now_s += 10.0 + GRACE_S + 7.0
+            assert not watchdog.check_in(job)
+            assert not watchdog.check_in(job)
+        watchdog.begin(due_s=dog.now_s + 3600.0)
+        dog.now_s += SILENT_S + 5.0
+        assert not watchdog.check_in()
+    assert [(line["event"], line["why"]) for line in logs] == [
+        ("job_hangs", f"it should have ended {GRACE_S + 7.0:.0f} s ago"),
+        ("job_hangs", f"it should have ended {GRACE_S + 7.0:.0f} s ago"),
+        ("job_hangs", f"nothing has come from it for {SILENT_S + 5.0:.0f} s"),
+    ]
+
+
+def test_the_loop_turns_as_often_as_the_manager_asks_and_by_itself_where_none_asks() -> None:
+    assert Watchdog(every_s=0.5).every_s == 0.5
+    assert Watchdog().every_s == UNWATCHED_EVERY_S
 
 
 def _jobs(watchdog: Watchdog) -> JobRunner:
@@ -156,3 +194,14 @@ async def test_a_job_that_fails_ends_the_loop_with_its_error() -> None:
 
     with pytest.raises(RuntimeError, match="broken"):
         await watchdog.supervise(asyncio.create_task(broken()), lambda: 0)
+
+
+def test_waiting_for_something_else_feeds_for_as_long_as_it_may_take() -> None:
+    dog = FakeManager()
+    still_waiting = dog.watchdog().patience(60.0)
+    for _ in range(3):
+        still_waiting()
+    assert dog.meals == 3
+    dog.now_s += 60.0
+    still_waiting()
+    assert dog.meals == 3

@@ -115,9 +115,8 @@ def test_corrections_that_come_board_by_board_are_silent_and_said_to_hang_togeth
     settings = chosen((), off=(), baseline=60, batch=5)["correction_share"].settings
     assert isinstance(settings, ShareSettings)
     assert not [seed for seed in range(40) if _on_boards(Share(settings), seed, 100).finding]
-    usual = _on_boards(Share(CORRECTIONS), 1, 400)._usual
-    assert usual.dispersion(1.0) > 3.0
-    assert _fed(Share(CORRECTIONS), 0.05, 400, 1)._usual.dispersion(1.0) < 2.0
+    assert _on_boards(Share(CORRECTIONS), 1, 400).dispersion > 3.0
+    assert _fed(Share(CORRECTIONS), 0.05, 400, 1).dispersion < 2.0
 
 
 def test_a_share_that_grows_threefold_is_found_even_on_such_boards() -> None:

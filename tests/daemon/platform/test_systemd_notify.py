@@ -99,10 +99,10 @@ def test_a_manager_that_is_gone_or_deaf_stops_nothing(tmp_path: Path) -> None:
         deaf.bind(str(tmp_path / "deaf"))
         notifier = Notifier(str(tmp_path / "deaf"))
         sent = 0
-        while not notifier._deaf:
+        while not notifier.deaf:
             notifier.status(str(sent))
             sent += 1
         assert deaf.recv(64) == b"STATUS=0"
         notifier.status("heard again")
-        assert not notifier._deaf
+        assert not notifier.deaf
         notifier.close()

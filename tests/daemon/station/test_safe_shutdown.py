@@ -44,9 +44,19 @@ async def test_the_needle_is_lifted_before_the_devices_are_let_go(kind: FaultCod
     assert await _left(Machine(), Fault(kind) if kind else None) == ["lifted", "closed"]
 
 
-@pytest.mark.parametrize("kind", sorted(UNSURE, key=lambda kind: kind.code))
+MOTION, BUS, SAFETY = 32, 41, 51
+"""Hundreds of the codes of these faults."""
+
+
+@pytest.mark.parametrize("kind", [k for k in FaultCode if k.latched and k.code // 100 in (MOTION, BUS, SAFETY)])
 async def test_in_a_fault_of_motion_or_bus_nothing_moves_by_itself(kind: FaultCode) -> None:
     assert await _left(Machine(), Fault(kind)) == ["closed"]
+
+
+async def test_devices_are_let_go_where_there_is_no_station_yet() -> None:
+    machine = Machine()
+    await shut_down(cast("Any", machine), None, None)
+    assert machine.did == ["closed"]
 
 
 async def test_axes_without_a_reference_are_not_moved() -> None:

@@ -1,5 +1,6 @@
 """What was written is found again, and numbers are never given twice."""
 
+import shutil
 import sqlite3
 import time
 from collections.abc import Callable
@@ -38,12 +39,21 @@ async def test_a_result_survives_closing(tmp_path: Path) -> None:
     await journal.close()
 
 
+def _as_a_kill_leaves_it(path: Path) -> Path:
+    """Copy a journal that is open, with its write-ahead log; return the copy."""
+    folder = path.parent / "killed"
+    folder.mkdir()
+    for file in (path, path.with_name(f"{path.name}-wal")):
+        shutil.copy(file, folder)
+    return folder / path.name
+
+
 async def test_a_job_without_a_result_is_found_at_the_next_start(tmp_path: Path) -> None:
     journal = await Journal.open(tmp_path / "j.sqlite")
     await journal.add_job("cut", "correct", "{}")
-    journal._db.close()
-    journal._writer.shutdown()  # as a kill would leave it
-    journal = await Journal.open(tmp_path / "j.sqlite")
+    left = _as_a_kill_leaves_it(tmp_path / "j.sqlite")
+    await journal.close()
+    journal = await Journal.open(left)
     assert await journal.unfinished() == [("cut", "correct")]
     await journal.close()
 
@@ -56,9 +66,9 @@ async def test_numbers_go_on_after_a_clean_stop_and_never_repeat_after_a_kill(tm
     journal = await Journal.open(tmp_path / "j.sqlite")
     await journal.reserve_seqs()
     assert journal.take_seq() == first[-1] + 1
-    journal._db.close()
-    journal._writer.shutdown()
-    journal = await Journal.open(tmp_path / "j.sqlite")
+    left = _as_a_kill_leaves_it(tmp_path / "j.sqlite")
+    await journal.close()
+    journal = await Journal.open(left)
     assert first[-1] + 1 < journal.upcoming_seq <= first[-1] + 1 + SEQ_BLOCK
     await journal.close()
 

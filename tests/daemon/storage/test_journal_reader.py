@@ -5,6 +5,7 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import AsyncIterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import pytest_asyncio
@@ -80,9 +81,19 @@ async def test_jobs_are_chosen_by_failure_operation_and_time(file: Path) -> None
         assert journal.job("nobody") is None
 
 
-async def test_reading_cannot_write(file: Path) -> None:
-    with JournalReader(file) as journal, pytest.raises(sqlite3.OperationalError, match="readonly"):
-        journal._db.execute("DELETE FROM jobs")
+async def test_reading_cannot_write(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    connect, opened = sqlite3.connect, list[sqlite3.Connection]()
+
+    def watched(*args: Any, **options: Any) -> sqlite3.Connection:
+        opened.append(connect(*args, **options))
+        return opened[-1]
+
+    monkeypatch.setattr(sqlite3, "connect", watched)
+    with JournalReader(file):
+        assert opened
+        for connection in opened:
+            with pytest.raises(sqlite3.OperationalError, match="readonly"):
+                connection.execute("DELETE FROM jobs")
 
 
 def test_a_journal_of_the_first_version_is_read(tmp_path: Path) -> None:

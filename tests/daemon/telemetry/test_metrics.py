@@ -106,11 +106,13 @@ def test_names_follow_prometheus_rules(metrics: Metrics) -> None:
 def test_it_is_served_on_loopback_and_a_reader_that_says_nothing_holds_up_nobody(metrics: Metrics) -> None:
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
+    assert metrics.address is None
     metrics.serve(port)
     with socket.create_connection(("127.0.0.1", port)), urlopen(f"http://127.0.0.1:{port}/metrics") as answer:
         assert b'reprobe_info{station="bench 1",version="1.2.3"} 1.0' in answer.read()
-    assert metrics._server is not None
-    assert metrics._server[0].server_address[0] == "127.0.0.1"
+    assert metrics.address == ("127.0.0.1", port)
+    metrics.close()
+    assert metrics.address is None
 
 
 def test_a_port_that_is_taken_is_an_os_error(metrics: Metrics) -> None:

@@ -96,3 +96,12 @@ def test_both_write_replies_are_accepted_and_no_other() -> None:
     for count, data in ((2, b""), (4, b"\1\2\3\4")):
         with pytest.raises(ValueError, match="repl"):
             od.check_write_reply(request, od.OdTelegram(*head, count, data))
+
+
+def test_an_object_is_named_by_index_and_subindex() -> None:
+    """It should be the place in the drive's manual, short enough for a field."""
+    assert [OdEntry(0x6041).place, OdEntry(0x1003, 1).place, OdEntry(0x2400, 0x20).place] == [
+        "6041h:00",
+        "1003h:01",
+        "2400h:20",
+    ]

@@ -42,7 +42,7 @@ async def test_no_frame_in_time_is_a_camera_time_out(camera: RunningCamera) -> N
         await camera.frame_after(time.monotonic() + 100.0, Deadline.after(0.03))
     assert isinstance(caught.value, TimeoutError)
     assert caught.value.advice
-    assert camera._wishes == []
+    assert camera.waiting == 0
 
 
 async def test_a_cancelled_caller_leaves_nothing_behind(camera: RunningCamera, soon: Deadline) -> None:
@@ -52,7 +52,7 @@ async def test_a_cancelled_caller_leaves_nothing_behind(camera: RunningCamera, s
     task.cancel()
     with pytest.raises(asyncio.CancelledError):
         await task
-    assert camera._wishes == []
+    assert camera.waiting == 0
 
 
 async def test_a_closed_camera_says_so(camera: RunningCamera, soon: Deadline) -> None:

@@ -75,7 +75,7 @@ async def test_a_broken_stream_is_named_and_comes_back(
     monkeypatch.setattr("drivers.camera.stream._REPLY_MARGIN_S", 0.1)
     spoil, text = STREAM_FAULTS[fault]
     server.spoil = lambda request, replies: spoil(request, replies) if request["op"] == "grab" else replies
-    await until(lambda: text in (stream._trouble or ""), soon)
+    await until(lambda: text in (stream.trouble or ""), soon)
     with pytest.raises(CameraTimeout, match=text):
         await stream.frame_after(time.monotonic(), Deadline.after(0.01))
     server.spoil = None

@@ -2,7 +2,7 @@
 
 import asyncio
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import pytest
@@ -57,12 +57,16 @@ class Machine:
             await asyncio.sleep(0.001)
 
 
-@pytest.fixture
-async def machine(make_line: MakeLine, open_bus: OpenBus) -> Machine:
-    drives = {name: DriveModel(config.address, step=20_000_000) for name, config in AXES.items()}
+async def _machine(make_line: MakeLine, open_bus: OpenBus, axes: Mapping[str, AxisConfig]) -> Machine:
+    drives = {name: DriveModel(config.address, step=20_000_000) for name, config in axes.items()}
     line = make_line(several(*drives.values()))
     bus = await open_bus(line, timeout_s=0.4, late_reply_s=0.4, attempts=2)
-    return Machine(Gantry({name: Axis(bus, c) for name, c in AXES.items()}, GantryConfig()), drives, line)
+    return Machine(Gantry({name: Axis(bus, c) for name, c in axes.items()}, GantryConfig()), drives, line)
+
+
+@pytest.fixture
+async def machine(make_line: MakeLine, open_bus: OpenBus) -> Machine:
+    return await _machine(make_line, open_bus, AXES)
 
 
 @pytest.fixture
@@ -106,11 +110,10 @@ class _Recorder(list):
         self.shared.append((self.name, entry))
 
 
-async def test_homing_lifts_a_z_that_homes_below(machine: Machine, soon: Deadline) -> None:
+async def test_homing_lifts_a_z_that_homes_below(make_line: MakeLine, open_bus: OpenBus, soon: Deadline) -> None:
     """It should go up to the safe height before the head turns or goes aside."""
     low = dataclasses.replace(AXES["z"], homing=HomingConfig(method=17))
-    machine.gantry._axes["z"].config = low
-    machine.gantry._axes["z"]._drive.config = low
+    machine = await _machine(make_line, open_bus, AXES | {"z": low})
     await machine.gantry.home(soon)
     assert (await machine.gantry.position(soon)).z_um == 12000.0
 
@@ -177,11 +180,12 @@ async def test_a_cancelled_move_stops_every_axis(homed: Machine, soon: Deadline)
     [
         (lambda m: m.drives["y"].fail(0x3210, 0x01003210), DriveFault),
         (lambda m: setattr(m.drives["y"], "stuck", True), Stalled),
-        (lambda m: m.drives["y"].power_cycle(), NotHomed),
+        (lambda m: m.drives["y"].power_cycle(), EmergencyStop),
+        (lambda m: m.drives["y"].fail(0x3220, 0x03043220), EmergencyStop),
         (lambda m: setattr(m.drives["y"], "silent", True), LinkError),
         (lambda m: m.line.unplug(), LinkError),
     ],
-    ids=["fault", "stuck", "power cut", "silent", "cable out"],
+    ids=["fault", "stuck", "power cut", "supply cut", "silent", "cable out"],
 )
 async def test_one_failing_axis_stops_the_others(
     homed: Machine, soon: Deadline, spoil: Callable[[Any], object], error: type[DeviceError]
@@ -193,7 +197,7 @@ async def test_one_failing_axis_stops_the_others(
     spoil(homed)
     with pytest.raises(error):
         await task
-    if homed.line._master >= 0:
+    if homed.line.plugged:
         assert all(drive.state != 0x27 for name, drive in homed.drives.items() if name != "y")
 
 
@@ -248,6 +252,16 @@ async def test_an_axis_that_slipped_is_found_at_the_end(homed: Machine, soon: De
     homed.drives["z"].log = SlipsWhenZComesDown()
     with pytest.raises(Stalled, match=r"Y: y is at 40015.2588, \+15.2588 off its target"):
         await homed.gantry.move_to(PLACE, soon)
+
+
+async def test_a_reference_lost_at_rest_is_named_by_its_axis(homed: Machine, soon: Deadline) -> None:
+    """It should say which drive lost its power, and ask for homing once that is dealt with."""
+    homed.drives["z"].power_cycle()
+    with pytest.raises(EmergencyStop, match="lost power") as caught:
+        await homed.gantry.homed(soon)
+    assert caught.value.device == "Z"
+    await homed.gantry.forget_homing(soon)
+    assert not await homed.gantry.homed(soon)
 
 
 async def test_health_and_reset_go_over_all_axes(homed: Machine, soon: Deadline) -> None:

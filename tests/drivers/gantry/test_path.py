@@ -1,5 +1,7 @@
 """The legs of a move, and the coordinate of the head."""
 
+from dataclasses import replace
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -52,6 +54,43 @@ def test_a_pure_z_move_needs_no_retract() -> None:
     slow = GantryConfig(backlash_z_um=20.0)
     assert plan(now, target, slow, ENDS) == [{"z": 5320.0}, {"z": 5300.0}]
     assert plan(now, Position(5000.0, 5000.0, 5000.0, 0.0), slow, ENDS) == [{"z": 5000.0}]
+
+
+def test_the_smallest_play_of_z_is_approached_from_above_and_an_axis_that_is_there_stays() -> None:
+    """It should lower by the play even of half a micrometre, and name no leg that goes nowhere."""
+    target = Position(5000.0, 5000.0, 5300.0, 0.0)
+    fine = GantryConfig(backlash_z_um=0.5)
+    assert plan(replace(target, z_um=5200.0), target, fine, ENDS) == [{"z": 5300.5}, {"z": 5300.0}]
+    assert plan(replace(target, z_um=5300.5), target, fine, ENDS) == [{"z": 5300.0}]
+
+
+def test_z_comes_from_no_higher_than_its_range() -> None:
+    top = ENDS.z_um[1]
+    now, target = Position(5000.0, 5000.0, 5200.0, 0.0), Position(5000.0, 5000.0, top - 10.0, 0.0)
+    assert plan(now, target, GantryConfig(backlash_z_um=20.0), ENDS) == [{"z": top}, {"z": top - 10.0}]
+
+
+def test_a_head_at_the_safe_height_goes_across_at_once() -> None:
+    now, target = Position(1000.0, 5000.0, CONFIG.safe_z_um, 0.0), Position(9000.0, 5000.0, 5200.0, 0.0)
+    assert plan(now, target, CONFIG, ENDS) == [{"x": 9000.0}, {"z": 5200.0}]
+
+
+@pytest.mark.parametrize("off_um", [CONFIG.same_place_um, -CONFIG.same_place_um])
+def test_an_axis_as_near_as_the_same_place_stays_and_one_farther_off_moves(off_um: float) -> None:
+    now = Position(5000.0, 5000.0, 20000.0, 0.0)
+    assert plan(now, replace(now, x_um=5000.0 + off_um), CONFIG, ENDS) == [{"z": 20000.0}]
+    assert plan(now, replace(now, x_um=5000.0 + 1.25 * off_um), CONFIG, ENDS)[-2] == {"x": 5000.0 + 1.25 * off_um}
+
+
+@pytest.mark.parametrize(("from_above", "side"), [(frozenset(), -1.0), (frozenset({"x"}), 1.0)])
+def test_an_axis_that_stands_off_by_the_play_on_the_right_side_goes_straight(
+    from_above: frozenset[str], side: float
+) -> None:
+    target = Position(5000.0, 5000.0, 20000.0, 0.0)
+    now = replace(target, x_um=5000.0 + side * CONFIG.backlash_um)
+    assert plan(now, target, CONFIG, ENDS, from_above) == [{"x": 5000.0}, {"z": 20000.0}]
+    nearer = replace(target, x_um=5000.0 + side * (CONFIG.backlash_um - 1.0))
+    assert plan(nearer, target, CONFIG, ENDS, from_above)[0] == {"x": now.x_um}
 
 
 def test_a_small_correction_retracts_and_comes_from_below() -> None:

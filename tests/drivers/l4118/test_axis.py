@@ -11,7 +11,9 @@ from drivers.bus import OdAddressing
 from drivers.deadline import Deadline
 from drivers.errors import (
     DeviceError,
+    DeviceRefused,
     DriveFault,
+    EmergencyStop,
     EnvelopeViolation,
     LimitHit,
     LinkTimeout,
@@ -246,6 +248,7 @@ async def test_a_limit_switch_on_the_way_is_a_limit_hit(
         (0x8611, 0x0D008611, Stalled, "following error"),
         (0x7121, 0x0F007121, Stalled, "motor blocked"),
         (0xFF00, 0x0A00FF00, LimitHit, "negative limit"),
+        (0x3220, 0x03043220, EmergencyStop, "under-voltage"),
         (0x3210, 0x01003210, DriveFault, "over-voltage"),
         (0x1234, 0x63001234, DriveFault, "error number 99"),
     ],
@@ -260,11 +263,13 @@ async def test_a_fault_in_a_move_is_named(
     while not drive.position:
         await axis.status(soon)
     drive.fail(code, entry)
-    with pytest.raises(error, match=text):
+    with pytest.raises(error, match=text) as caught:
         await task
+    assert caught.value.fields() == {"drive_code": code}
     health = await axis.health(soon)
     assert (health.state, health.error_code) == ("fault", code)
     assert text.split(maxsplit=1)[0] in health.error_meaning
+    assert type(health.trouble()) is error
     axis.release()
     with pytest.raises(error):
         await axis.move_to(100.0, soon)
@@ -284,6 +289,71 @@ async def test_a_fault_whose_cause_remains_cannot_be_reset(homed: Homed, soon: D
     with pytest.raises(DriveFault, match="over-voltage") as caught:
         await axis.reset_fault(soon)
     assert caught.value.code == 0x3210
+
+
+async def test_an_emergency_stop_that_is_held_cannot_be_reset(homed: Homed, soon: Deadline) -> None:
+    """It should be named as what it is by the reset too."""
+    axis, drive = homed
+    drive.fail(0x3220, 0x03043220)
+    drive.motor_voltage, drive.cause_remains = False, True
+    with pytest.raises(EmergencyStop, match="the motor supply was cut") as caught:
+        await axis.reset_fault(soon)
+    assert caught.value.drive_code == 0x3220
+
+
+async def test_a_fault_that_cannot_be_read_says_which_object_was_refused(homed: Homed, soon: Deadline) -> None:
+    """It should still be a fault, and not show the refusal's number as the drive's."""
+    axis, drive = homed
+    drive.fail(0x3210, 0x01003210)
+    del drive.od[0x603F, 0]
+    with pytest.raises(DriveFault, match="cannot be read") as caught:
+        await axis.move_to(100.0, soon)
+    assert caught.value.code == 0
+    assert caught.value.fields() == {"object": "603Fh:00", "exception": 0x06020000}
+
+
+# ---------------------------------------------------------------- what an error says of itself
+async def test_a_refused_object_is_named_with_axis_and_abort_code(make_axis: MakeAxis, soon: Deadline) -> None:
+    """It should say them as fields, for reads and for writes."""
+    drive = DriveModel(3)
+    for place, name in (((0x60A9, 0), "60A9h:00"), ((0x6085, 0), "6085h:00"), ((0x3502, 1), "3502h:01")):
+        kept = drive.od.pop(place)
+        with pytest.raises(DeviceRefused) as caught:
+            await (await make_axis(drive)).start(soon)
+        drive.od[place] = kept
+        assert caught.value.code == 0x06020000
+        assert caught.value.fields() == {"axis": "Z", "object": name, "exception": 0x06020000}
+
+
+async def test_a_refused_register_is_named_with_axis_and_exception_code(homed: Homed, soon: Deadline) -> None:
+    """It should have no object: the image is no single one."""
+    axis, drive = homed
+    drive.od[0x3602, 0][1] = 1
+    with pytest.raises(DeviceRefused, match="illegal address") as caught:
+        await axis.status(soon)
+    assert caught.value.fields() == {"axis": "Z", "exception": 2}
+
+
+async def test_a_silent_drive_is_named_with_axis_and_object(make_axis: MakeAxis, soon: Deadline) -> None:
+    """It should say what was asked when the answer stayed away."""
+    drive = DriveModel(3)
+    axis = await make_axis(drive, timeout_s=0.03)
+    drive.silent = True
+    with pytest.raises(LinkTimeout) as caught:
+        await axis.position(soon)
+    assert caught.value.fields() == {"axis": "Z", "object": "6064h:00"}
+    with pytest.raises(LinkTimeout) as caught:
+        await axis.status(soon)
+    assert caught.value.fields() == {"axis": "Z"}
+
+
+async def test_a_value_that_does_not_stay_is_named_with_its_object(homed: Homed, soon: Deadline) -> None:
+    """It should be a reply error about that object."""
+    axis, drive = homed
+    drive.put = lambda *_written: None  # type: ignore[method-assign]
+    with pytest.raises(ReplyError, match="was written as 0") as caught:
+        await axis.forget_homing(soon)
+    assert caught.value.fields() == {"axis": "Z", "object": "2400h:20"}
 
 
 async def test_an_empty_error_stack_is_no_error(homed: Homed, soon: Deadline) -> None:

@@ -13,59 +13,113 @@ from drivers.errors import (
     MotionTimeout,
     NotHomed,
 )
-from drivers.l4118 import HomingConfig
+from drivers.l4118 import Axis, AxisStatus, HomingConfig
 from tests.drivers.l4118.conftest import CONFIG, Homed, MakeAxis
 from tests.drivers.peers.drive import DriveModel
 
+# 603Fh and the newest entry of 1003h
+UNDER_VOLTAGE = (0x3220, 0x03043220)
+
 
 # ---------------------------------------------------------------- power and stops
-async def test_a_drive_that_lost_power_is_not_homed_any_more(homed: Homed, soon: Deadline) -> None:
-    """It should ask the drive, not its own memory; homing makes it whole again."""
+async def test_power_lost_at_rest_is_an_emergency_stop_until_the_drive_is_started(homed: Homed, soon: Deadline) -> None:
+    """It should miss the marker and move nothing; then the axis is not homed, and homing makes it whole again."""
     axis, drive = homed
     drive.power_cycle()
+    for question in (axis.homed(soon), axis.move_to(100.0, soon)):
+        with pytest.raises(EmergencyStop, match="its reference is gone"):
+            await question
+    assert drive.log == []
+    await axis.start(soon)
     assert not await axis.homed(soon)
     with pytest.raises(NotHomed):
         await axis.move_to(100.0, soon)
-    assert drive.log == []
     await axis.home(soon)
     await axis.move_to(100.0, soon)
     assert drive.position == 100 * 1638.4
 
 
-async def test_power_lost_in_a_move_is_told_from_an_emergency_stop(homed: Homed, soon: Deadline) -> None:
-    """It should raise NotHomed, for the position is gone."""
+async def test_power_lost_in_a_move_is_an_emergency_stop(homed: Homed, soon: Deadline) -> None:
+    """It should raise EmergencyStop in the move, and not believe the position afterwards."""
     axis, drive = homed
-    drive.step = 10
-    task = asyncio.create_task(axis.move_to(20000.0, soon))
-    while not drive.position:
-        await axis.status(soon)
+    task = await _under_way(axis, drive, soon)
     drive.power_cycle()
-    with pytest.raises(NotHomed, match="lost power"):
+    with pytest.raises(EmergencyStop, match="lost power"):
         await task
+    await axis.start(soon)
+    assert not await axis.homed(soon)
 
 
 async def test_a_power_stage_switched_off_is_an_emergency_stop(homed: Homed, soon: Deadline) -> None:
     """It should raise EmergencyStop in the move, and again while there is no motor voltage."""
     axis, drive = homed
-    drive.step = 10
-    task = asyncio.create_task(axis.move_to(20000.0, soon))
-    while not drive.position:
-        await axis.status(soon)
+    task = await _under_way(axis, drive, soon)
     drive.motor_voltage, drive.state = False, 0x40
-    with pytest.raises(EmergencyStop, match="switched off while moving"):
+    with pytest.raises(EmergencyStop, match="switched off from outside"):
         await task
+    await axis.start(soon)
     axis.release()
     with pytest.raises(EmergencyStop, match="no motor voltage"):
         await axis.move_to(100.0, soon)
 
 
-async def test_a_quick_stop_wins_over_the_move_it_stops(homed: Homed, soon: Deadline) -> None:
-    """It should end the move with EmergencyStop and not let its next command start the drive again."""
+async def test_a_drive_switched_off_at_rest_does_not_move_before_it_is_started(homed: Homed, soon: Deadline) -> None:
+    """It should tell it from the health and from the next move, though the voltage is back: the axis may have slipped.
+
+    What the program switched off itself is no such thing.
+    """
     axis, drive = homed
+    await axis.move_to(500.0, soon)
+    assert (await axis.health(soon)).trouble() is None
+    drive.state = 0x40
+    drive.log.clear()
+    assert isinstance((await axis.health(soon)).trouble(), EmergencyStop)
+    with pytest.raises(EmergencyStop, match="switched off from outside"):
+        await axis.move_to(100.0, soon)
+    assert drive.log == []
+    await axis.start(soon)
+    axis.release()
+    await axis.move_to(100.0, soon)
+    for stop in (axis.halt, axis.quick_stop):
+        await stop()
+        assert (await axis.health(soon)).trouble() is None
+        axis.release()
+        await axis.move_to(200.0, soon)
+
+
+@pytest.mark.parametrize("cut", [UNDER_VOLTAGE, None], ids=["supply cut", "restarted"])
+async def test_a_stop_that_has_passed_while_the_drive_is_being_enabled_is_named(
+    homed: Homed, soon: Deadline, cut: tuple[int, int] | None
+) -> None:
+    """It should not speak of a step that led elsewhere, with the voltage back before anybody looked."""
+    axis, drive = homed
+    await axis.halt()
+    axis.release()
+    keep = drive.write_control
+
+    def write_control(word: int) -> None:
+        keep(word)
+        if word == 0x07:
+            drive.fail(*cut) if cut else drive.power_cycle()
+
+    drive.write_control = write_control  # type: ignore[method-assign]
+    with pytest.raises(EmergencyStop):
+        await axis.move_to(100.0, soon)
+
+
+async def _under_way(axis: Axis, drive: DriveModel, soon: Deadline) -> asyncio.Task[AxisStatus]:
+    """Begin a long move and return it once the axis has left its place."""
     drive.step = 10
     task = asyncio.create_task(axis.move_to(20000.0, soon))
     while not drive.position:
         await axis.status(soon)
+    return task
+
+
+async def test_a_quick_stop_wins_over_the_move_it_stops(homed: Homed, soon: Deadline) -> None:
+    """It should end the move with EmergencyStop and not let its next command start the drive again."""
+    axis, drive = homed
+    task = await _under_way(axis, drive, soon)
     await axis.quick_stop()
     with pytest.raises(EmergencyStop):
         await task
@@ -131,6 +185,24 @@ async def test_a_failed_homing_leaves_the_axis_unhomed(homed: Homed, soon: Deadl
         await axis.home(soon)
     assert not await axis.homed(soon)
     assert drive.state == 0x21
+
+
+@pytest.mark.parametrize("mode_error", [False, True])
+async def test_an_emergency_stop_in_homing_is_named_and_leaves_the_axis_unhomed(
+    make_axis: MakeAxis, soon: Deadline, mode_error: bool
+) -> None:
+    """It should look at the drive's state before the bits of the mode: a faulted drive may show any of them."""
+    drive = DriveModel(3, homing_looks=10**9)
+    axis = await make_axis(drive)
+    task = asyncio.create_task(axis.home(soon))
+    while "homing" not in drive.log:
+        await axis.position(soon)
+    drive.fail(*UNDER_VOLTAGE)
+    drive.following_error = mode_error
+    with pytest.raises(EmergencyStop, match="under-voltage") as caught:
+        await task
+    assert caught.value.drive_code == 0x3220
+    assert not await axis.homed(soon)
 
 
 async def test_homing_has_its_own_deadline(make_axis: MakeAxis, soon: Deadline) -> None:

@@ -25,11 +25,14 @@ class Relay:
         self.coils = 0b11
         self.history: list[int] = []
         self.silent = False
+        self.refuses = 0
         self.dead_coils = 0
 
     def answer(self, request: bytes) -> list:
         if self.silent or request[0] != 5:
             return []
+        if self.refuses:
+            return [framed(bytes([5, request[1] | 0x80, self.refuses]))]
         first, count = int.from_bytes(request[2:4], "big"), int.from_bytes(request[4:6], "big")
         mask = (1 << count) - 1 << first
         if request[1] == 15:
@@ -69,6 +72,18 @@ async def test_the_rings_never_overlap(
     for light in (Light.WHITE, Light.RED, Light.WHITE, Light.OFF):
         await lights.set(light, soon)
     assert relay.history == [0, bits[0], bits[1], bits[0], 0]
+
+
+async def test_a_refusal_is_a_light_error_with_its_exception_code(
+    board: tuple[Relay, ModbusBus], soon: Deadline
+) -> None:
+    """It should keep the board's own number."""
+    relay, bus = board
+    lights = await ModbusRelayLights.open(bus, 5, deadline=soon)
+    relay.refuses = 2
+    with pytest.raises(LightError, match="illegal address") as caught:
+        await lights.set(Light.WHITE, soon)
+    assert caught.value.fields() == {"exception": 2}
 
 
 async def test_a_coil_that_does_not_follow_is_a_light_error(board: tuple[Relay, ModbusBus], soon: Deadline) -> None:

@@ -48,6 +48,11 @@ class PtyLine:
         self.path.unlink(missing_ok=True)
         self.path.symlink_to(os.ttyname(self._slave))
 
+    @property
+    def plugged(self) -> bool:
+        """Whether the cable is in."""
+        return self._master >= 0
+
     def unplug(self) -> None:
         """Pull the cable: the other side sees a hang-up."""
         for timer in self._timers:

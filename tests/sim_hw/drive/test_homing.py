@@ -34,9 +34,9 @@ def test_each_method_finds_its_edge_from_either_side(axis: str, start: float, me
     rig = Rig(axis, **{f"{axis}_start_{unit}": start})
     assert rig.home(method) & (DONE | FAILED) == DONE
     downwards = method in (18, 19, 22)
-    play = rig.plant.backlash(axis) if downwards else 0.0
+    backlash = rig.plant.backlash(axis) if downwards else 0.0
     sigma = 0.01 if axis == "theta" else 3.0
-    assert zero_error(rig) == pytest.approx(edge - play, abs=4.0 * sigma)
+    assert zero_error(rig) == pytest.approx(edge - backlash, abs=4.0 * sigma)
 
 
 def test_two_homings_differ_by_the_repeatability() -> None:

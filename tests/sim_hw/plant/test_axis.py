@@ -1,4 +1,4 @@
-"""Mechanics: play, the error of a stop, lost steps at a hard stop, switches."""
+"""Mechanics: backlash, the error of a stop, lost steps at a hard stop, switches."""
 
 import math
 import random
@@ -23,17 +23,17 @@ def make_axis(start: float = 50_000.0, name: str = "x") -> Axis:
     return Axis(BY_NAME[name], start, random.Random(3))
 
 
-def test_play_is_lost_on_reversal_and_only_once() -> None:
+def test_backlash_is_lost_on_reversal_and_only_once() -> None:
     axis = make_axis()
-    move(axis, 0.0, 1000.0, play=15.0)
+    move(axis, 0.0, 1000.0, backlash=15.0)
     assert axis.position(10.0) == pytest.approx(51_000.0)
-    move(axis, 10.0, -1000.0, play=15.0)
+    move(axis, 10.0, -1000.0, backlash=15.0)
     assert axis.position(20.0) == pytest.approx(50_015.0)
-    move(axis, 20.0, -1000.0, play=15.0)
+    move(axis, 20.0, -1000.0, backlash=15.0)
     assert axis.position(30.0) == pytest.approx(49_015.0)
-    move(axis, 30.0, 10.0, play=15.0)
-    assert axis.position(40.0) == pytest.approx(49_015.0), "within the play the carriage does not move"
-    move(axis, 40.0, 990.0, play=15.0)
+    move(axis, 30.0, 10.0, backlash=15.0)
+    assert axis.position(40.0) == pytest.approx(49_015.0), "within the backlash the carriage does not move"
+    move(axis, 40.0, 990.0, backlash=15.0)
     assert axis.position(50.0) == pytest.approx(50_000.0), "approached from below, nothing is lost"
 
 
@@ -70,7 +70,7 @@ def test_the_past_stays_what_it_was_for_ten_seconds() -> None:
 
 def test_a_crossing_is_when_the_carriage_passes_the_place() -> None:
     axis = make_axis(start=500.0)
-    move(axis, 0.0, -1000.0, play=15.0)
+    move(axis, 0.0, -1000.0, backlash=15.0)
     t_s = axis.next_crossing(0.0, 0.0, upwards=False)
     assert t_s is not None
     assert axis.carriage(t_s) == pytest.approx(0.0, abs=1e-6)

@@ -13,7 +13,7 @@ from sim_hw.plant.pose import TOUCH_Z_UM
 from sim_hw.scene.needle import Needle
 from sim_hw.scene.optics import make_optics
 from sim_hw.scene.scene import Scene, Shot, watch
-from sim_hw.scene.sensor import Picture
+from sim_hw.scene.sensor import Image
 from sim_hw.truth import truth_record
 from tests.sim_hw.pinhole import pinhole_px
 from tests.sim_hw.rig import make_plant
@@ -33,7 +33,7 @@ def lowered(by_um: float, **knobs: float) -> Plant:
     return make_plant(**values, camera_flex_px=0.0, camera_glint=0.0, **knobs)
 
 
-def shoot(plant: Plant) -> tuple[Picture, tuple[float, float]]:
+def shoot(plant: Plant) -> tuple[Image, tuple[float, float]]:
     """Return a white frame and where the scene says the tip is."""
     plant.switch_lamp("white", 0.0, on=True)
     scene = Scene(plant, load_board(DEMO, "top"), plant.faults, seed=5)
@@ -80,7 +80,7 @@ def test_the_drawn_tip_moves_by_the_projection_of_what_is_pushed_in(by_um: float
     assert float(np.linalg.norm(contact_px - free_px)) == pytest.approx(by_um / 23.0, rel=0.03)
 
 
-def _end_px(frame: Picture, about_px: Field) -> float:
+def _end_px(frame: Image, about_px: Field) -> float:
     """Return how far up the needle from a place the dark ground ends, px."""
     steps = np.arange(-8.0, 8.0, 0.05)
     places = (about_px + steps[:, None] * NEEDLE.up).T[:, None].astype(np.float32)
@@ -116,6 +116,6 @@ def test_a_pressed_bent_needle_ends_aside_by_its_bend() -> None:
     plant.faults.switch("bent", on=True, px=10.0)
     _, bent_px = shoot(plant)
     assert np.array(bent_px) - NEEDLE.end_px(200.0) == pytest.approx(10.0 * NEEDLE.bend_direction)
-    picture = NEEDLE.draw(bent_px=10.0, pressed_um=200.0)
+    image = NEEDLE.draw(bent_px=10.0, pressed_um=200.0)
     inside = np.array(bent_px) + 3.0 * NEEDLE.up
-    assert picture.alpha[round(inside[1]), round(inside[0]) - picture.left] > 0.8
+    assert image.alpha[round(inside[1]), round(inside[0]) - image.left] > 0.8

@@ -9,7 +9,7 @@ from sim_hw.board.board import load_board
 from sim_hw.plant.card import CARD_CENTRE_UM, CardPose
 from sim_hw.plant.faults import Faults
 from sim_hw.scene.scene import Scene, Shot, watch
-from sim_hw.scene.sensor import Picture
+from sim_hw.scene.sensor import Image
 from tests.sim_hw.pinhole import Point, pinhole_px
 from tests.sim_hw.scene_double import DEMO, FakeHead, FakeKnobs, FakePlant
 from vision import ProbeModel, find_control_point, find_tip
@@ -36,7 +36,7 @@ class Table:
         x_um, y_um = self.plant.card_pose.centre_um
         self.plant.head = replace(FakeHead(), theta_deg=theta_deg, tip_x_um=x_um + dx_um, tip_y_um=y_um + dy_um, **more)
 
-    def shoot(self, sequence: int = 1) -> Picture:
+    def shoot(self, sequence: int = 1) -> Image:
         return self.scene.render(Shot(sequence, 0.02, watch(self.plant, 0.0, 0.02)))
 
     def centre_px(self) -> Point:

@@ -5,71 +5,69 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from sim_hw.scene.needle import Needle, NeedlePicture
+from sim_hw.scene.needle import Needle, NeedleImage
 from sim_hw.scene.needle_shadow import shadow
 from sim_hw.scene.optics import make_optics
 
 NEEDLE = Needle(make_optics(), seed=5)
 
 
-def _along(picture: NeedlePicture, field: npt.NDArray[np.float32], s_px: float, v_px: float = 0.0) -> float:
+def _along(image: NeedleImage, field: npt.NDArray[np.float32], s_px: float, v_px: float = 0.0) -> float:
     """Return a field's value s px up the needle from its end and v px across."""
     x, y = NEEDLE.tip_px + s_px * NEEDLE.up + v_px * NEEDLE.across
-    return float(cv2.getRectSubPix(field, (1, 1), (float(x) - picture.left, float(y) - picture.top))[0, 0])
+    return float(cv2.getRectSubPix(field, (1, 1), (float(x) - image.left, float(y) - image.top))[0, 0])
 
 
-def _width_px(picture: NeedlePicture, s_px: float) -> float:
+def _width_px(image: NeedleImage, s_px: float) -> float:
     steps = np.arange(-60.0, 60.0, 0.1)
-    return sum(_along(picture, picture.alpha, s_px, v) for v in steps) * 0.1
+    return sum(_along(image, image.alpha, s_px, v) for v in steps) * 0.1
 
 
 @pytest.fixture(scope="module")
-def picture() -> NeedlePicture:
+def image() -> NeedleImage:
     return NEEDLE.draw()
 
 
-def test_it_ends_at_the_tip(picture: NeedlePicture) -> None:
+def test_it_ends_at_the_tip(image: NeedleImage) -> None:
     # The end is a flat disc seen at a slant: the axis meets it at the tip, its near rim is 1.8 px lower.
-    inside = [_along(picture, picture.alpha, s) for s in (6.0, 1.0)]
+    inside = [_along(image, image.alpha, s) for s in (6.0, 1.0)]
     assert min(inside) > 0.9
-    assert _along(picture, picture.alpha, -3.2) < 0.1
-    profile = [(s, _along(picture, picture.alpha, s)) for s in np.arange(-5.0, 5.0, 0.05)]
+    assert _along(image, image.alpha, -3.2) < 0.1
+    profile = [(s, _along(image, image.alpha, s)) for s in np.arange(-5.0, 5.0, 0.05)]
     edge = min(profile, key=lambda sv: abs(sv[1] - 0.5))[0]
     assert edge == pytest.approx(-1.8, abs=0.35)
 
 
-def test_marking_rims_are_127_and_172_px_up(picture: NeedlePicture) -> None:
+def test_marking_rims_are_127_and_172_px_up(image: NeedleImage) -> None:
     s = np.arange(100.0, 200.0, 0.25)
-    grey = np.array([np.mean([_along(picture, picture.white, k, v) for v in (-4.0, 0.0, 4.0)]) for k in s])
+    grey = np.array([np.mean([_along(image, image.white, k, v) for v in (-4.0, 0.0, 4.0)]) for k in s])
     slope = np.gradient(cv2.GaussianBlur(grey[None], (0, 0), 4.0)[0])
     assert s[int(np.argmin(slope))] == pytest.approx(127.0, abs=2.0)
     assert s[int(np.argmax(slope))] == pytest.approx(172.0, abs=2.5)
     assert 15.0 <= grey[((150 - 100) * 4)] <= 35.0
 
 
-def test_widths_are_those_of_the_real_probe(picture: NeedlePicture) -> None:
-    assert _width_px(picture, 6.0) < 9.0
-    assert _width_px(picture, 150.0) == pytest.approx(40.5, abs=1.5)
-    assert _width_px(picture, 250.0) == pytest.approx(42.5, abs=1.5)
-    assert _width_px(picture, 560.0) == pytest.approx(75.0, abs=3.0)
+def test_widths_are_those_of_the_real_probe(image: NeedleImage) -> None:
+    assert _width_px(image, 6.0) < 9.0
+    assert _width_px(image, 150.0) == pytest.approx(40.5, abs=1.5)
+    assert _width_px(image, 250.0) == pytest.approx(42.5, abs=1.5)
+    assert _width_px(image, 560.0) == pytest.approx(75.0, abs=3.0)
 
 
-def test_metal_is_brighter_than_the_board_and_has_a_highlight_along_it(picture: NeedlePicture) -> None:
+def test_metal_is_brighter_than_the_board_and_has_a_highlight_along_it(image: NeedleImage) -> None:
     for s in (80.0, 250.0, 350.0):
-        across = [
-            _along(picture, picture.white, s, v) for v in np.linspace(-0.85, 0.85, 15) * _width_px(picture, s) / 2
-        ]
+        across = [_along(image, image.white, s, v) for v in np.linspace(-0.85, 0.85, 15) * _width_px(image, s) / 2]
         assert min(across) > 62.0
         assert max(across) > 1.6 * min(across)
-        dim = [_along(picture, picture.red, s, v) for v in np.linspace(-0.85, 0.85, 15) * _width_px(picture, s) / 2]
+        dim = [_along(image, image.red, s, v) for v in np.linspace(-0.85, 0.85, 15) * _width_px(image, s) / 2]
         assert max(dim) < 150.0
 
 
-def test_a_sub_pixel_shift_moves_the_picture_by_just_that(picture: NeedlePicture) -> None:
+def test_a_sub_pixel_shift_moves_the_picture_by_just_that(image: NeedleImage) -> None:
     moved = NEEDLE.draw((0.4, -0.3))
     for step in (40.0, 90.0):
         offsets = np.arange(-30.0, 30.0, 0.1)
-        before = np.array([_along(picture, picture.alpha, step, v) for v in offsets])
+        before = np.array([_along(image, image.alpha, step, v) for v in offsets])
         after = np.array([_along(moved, moved.alpha, step, v) for v in offsets])
         shift = float((offsets * after).sum() / after.sum() - (offsets * before).sum() / before.sum())
         wanted = float(np.dot((0.4, -0.3), NEEDLE.bend_direction))
@@ -77,12 +75,12 @@ def test_a_sub_pixel_shift_moves_the_picture_by_just_that(picture: NeedlePicture
         assert shift == pytest.approx(wanted, abs=0.05)
 
 
-def test_a_bent_probe_ends_aside_and_is_straight_higher_up(picture: NeedlePicture) -> None:
+def test_a_bent_probe_ends_aside_and_is_straight_higher_up(image: NeedleImage) -> None:
     bent = NEEDLE.draw(bent_px=10.0)
     assert _along(bent, bent.alpha, 3.0) < 0.1
     x, y = NEEDLE.tip_px + 10.0 * NEEDLE.bend_direction + 1.5 * NEEDLE.up
     assert bent.alpha[round(y) - bent.top, round(x) - bent.left] > 0.9
-    assert _along(bent, bent.white, 350.0) == pytest.approx(_along(picture, picture.white, 350.0), abs=1.0)
+    assert _along(bent, bent.white, 350.0) == pytest.approx(_along(image, image.white, 350.0), abs=1.0)
 
 
 def test_the_look_is_that_of_the_seed() -> None:

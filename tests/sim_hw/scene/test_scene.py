@@ -7,7 +7,7 @@ import pytest
 from sim_hw.board.board import Board, Target, load_board
 from sim_hw.plant.faults import Faults
 from sim_hw.scene.scene import Scene, Shot, watch
-from sim_hw.scene.sensor import Picture
+from sim_hw.scene.sensor import Image
 from tests.sim_hw.pinhole import pinhole_px
 from tests.sim_hw.scene_double import DEMO, FakeKnobs, FakePlant, FakePose
 
@@ -29,7 +29,7 @@ class Bench:
             self.faults.switch(name, on=False)
         return self
 
-    def shoot(self, sequence: int = 1, start_s: float = 0.0, exposure_s: float = 0.02) -> Picture:
+    def shoot(self, sequence: int = 1, start_s: float = 0.0, exposure_s: float = 0.02) -> Image:
         return self.scene.render(Shot(sequence, exposure_s, watch(self.plant, start_s, exposure_s)))
 
     def where(self, name: str) -> Point:
@@ -47,7 +47,7 @@ def bench(top_bench: Bench) -> Bench:
     return top_bench.reset()
 
 
-def _centroid(frame: Picture, about: Point, reach: int) -> Point:
+def _centroid(frame: Image, about: Point, reach: int) -> Point:
     """Return the centre of the bright blob round a place, rims weighted by how bright they are."""
     column, row = (round(float(value)) for value in about)
     window = frame[row - reach : row + reach + 1, column - reach : column + reach + 1, 2].astype(float)

@@ -4,18 +4,18 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from sim_hw.scene.sensor import BLACK_LEVEL, Exposed, Picture, Sensor, SensorSettings, blurred
+from sim_hw.scene.sensor import BLACK_LEVEL, Exposed, Image, Sensor, SensorSettings, blurred
 
 GREY = np.full((1200, 1600, 3), 100, dtype=np.uint8)
 RED = np.full((1200, 1600), 100, dtype=np.uint8)
 SENSOR = Sensor(seed=1)
 
 
-def _read(light: Exposed, seed: int = 0, **settings: Any) -> Picture:
+def _read(light: Exposed, seed: int = 0, **settings: Any) -> Image:
     return SENSOR.read(light, SensorSettings(**{"exposure_s": 0.02, **settings}), np.random.default_rng(seed))
 
 
-def _centre(frame: Picture) -> npt.NDArray[np.float64]:
+def _centre(frame: Image) -> npt.NDArray[np.float64]:
     return frame[560:610, 735:785].reshape(-1, 3).mean(axis=0)
 
 

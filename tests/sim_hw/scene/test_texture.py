@@ -77,4 +77,4 @@ def test_it_can_be_drawn_ahead_tile_by_tile(texture: BoardTexture, board: Board)
     while other.draw_one_more():
         steps += 1
     assert steps == 7 * 6
-    assert np.array_equal(other.picture, texture.picture)
+    assert np.array_equal(other.image, texture.image)

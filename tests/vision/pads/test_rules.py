@@ -1,10 +1,12 @@
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from vision.core.circle_fit import CircleFit, Contour
-from vision.pads.rules import RULES, Hole, SeenObject, Verdict, Wanted, decide
+from vision.pads.rule_name import RuleName
+from vision.pads.rules import NAMES, RULES, Hole, SeenObject, Verdict, Wanted, decide
 
 CIRCLE = CircleFit(
     50.0, 50.0, 17.0, 0.87, 1.0, 0.03, 1.0, 0.95, 0.01, 0.05, np.ones(48, bool), Contour(50.0, 50.0, 17.0)
@@ -67,3 +69,17 @@ def test_every_rule_can_decide_something() -> None:
     assert {"small", "faint", "thin", "wrong_size", "border", "elongated", "angular", "other_size", "ragged"} <= names
     tiny = replace(BLOB, length_px=6.0, thickness_px=6.0, area_px=30.0)
     assert decide(tiny, Wanted(42.0, 190.0)).rule == "other_size"
+
+
+def test_the_names_of_the_rules_stay_as_records_and_the_wire_have_them() -> None:
+    assert {name.value for name in RuleName} == {
+        *("small", "faint", "thin", "border", "needle", "wrong_size", "stroke_end", "oval", "cornered"),
+        *("via_with_hole", "via_filled", "site_with_hole", "site_filled"),
+        *("elongated", "angular", "other_size", "ragged", "no_rule"),
+        *("drawn_ring", "overlapping", "overlapped", "trace_of_pad", "at_known_place"),
+    }
+    assert json.dumps(decide(PAD, ANY).rule) == '"site_filled"'
+
+
+def test_a_rule_is_named_as_its_function_so_that_its_docstring_is_found_by_the_name() -> None:
+    assert [name.value for name in NAMES.values()] == [rule.__name__ for rule in RULES]

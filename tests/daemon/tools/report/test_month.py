@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import sqlite3
+from contextlib import closing
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -15,6 +17,11 @@ from tests.bench.maintenance.model import StationModel
 from tests.bench.maintenance.wrong import Wrong
 
 NOVEMBER = (datetime(2026, 11, 1, tzinfo=UTC), datetime(2026, 12, 1, tzinfo=UTC))
+
+
+def _add_alerts(path: Path, rows: list[tuple[int, str, str]]) -> None:
+    with closing(sqlite3.connect(path)) as db, db:
+        db.executemany("INSERT INTO alerts VALUES (?, ?, ?)", rows)
 
 
 async def _journal(path: Path, touches: int = 700) -> None:
@@ -32,8 +39,8 @@ async def _journal(path: Path, touches: int = 700) -> None:
         body = {"name": name, "raised": raised, "change": change, "message": f"{name} & more",
                 "acknowledged": known if change == "acknowledged" else None}  # fmt: skip
         rows.append((seq, f"2026-11-0{seq}T08:00:00.000+00:00", json.dumps(body)))
-    await journal._run(lambda db: db.executemany("INSERT INTO alerts VALUES (?, ?, ?)", rows))
     await journal.close()
+    _add_alerts(path, rows)
 
 
 async def test_facts_are_of_that_month_only(tmp_path: Path) -> None:
@@ -99,8 +106,8 @@ async def test_what_was_told_before_a_clock_was_set_back_hides_nothing(tmp_path:
     for seq, at in ((1, "2026-12-30"), (2, "2026-11-05")):
         body = json.dumps({"name": f"alert {seq}", "raised": True, "change": "raised", "message": "m"})
         rows.append((seq, f"{at}T08:00:00.000+00:00", body))
-    await journal._run(lambda db: db.executemany("INSERT INTO alerts VALUES (?, ?, ?)", rows))
     await journal.close()
+    _add_alerts(tmp_path / "j.sqlite", rows)
     month = read_month(tmp_path / "j.sqlite", "s", *NOVEMBER)
     assert [line.name for line in month.alerts] == ["alert 2"]
     assert month.still_standing == ("alert 2",)

@@ -1,8 +1,8 @@
-"""Find the needle in a red frame of which only the tip is known: two edges that spread from it (thesis 5.3, eq. 5.7).
+"""Unknown probe in a red image of which only the tip is known: two edges that spread from it (thesis 5.3, eq. 5.7).
 
-A needle over a pad hides part of it. The daemon knows the needle from the white frame; here it is enough that two
-straight edges begin beside the tip and spread upwards about where a needle is. Where they do, what lies between them is
-the needle; where they do not, there is none in this picture.
+A probe over a pad hides part of it. The daemon knows the probe from the white image; here it is enough that two
+straight edges begin beside the tip and spread upwards about where a probe is. Where they do, what lies between them is
+the probe; where they do not, there is none in this image.
 """
 
 from __future__ import annotations
@@ -12,33 +12,32 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.core.caliper import robust_fit
-from vision.core.edges import Edgels
+from vision.core import Edgels, robust_fit
 
 Floats = NDArray[np.float64]
 LEAST_POINTS = 16
-# An edge runs along the needle to this (cosine between its slope and the needle's direction).
 MOST_ALONG = 0.45
-# How far behind the tip edges are looked for, px.
+"""An edge runs along the probe to this (cosine between its slope and the probe's direction)."""
 NEAREST_PX, FARTHEST_PX = 4.0, 46.0
-# A needle's half width at the tip, how it widens (half the taper), and how it may be turned, rad.
+"""How far behind the tip edges are looked for, px."""
 HALF_END_PX = np.array([1.5, 2.25, 3.0, 3.75])
+"""A probe's half width at the tip, how it widens (half the taper), and how it may be turned, rad."""
 TAPER = np.array([0.10, 0.12, 0.14, 0.16, 0.18])
 TURN = np.arange(-0.10, 0.101, 0.02)
 NEAR_PX = 1.1
-# Share of the length along which each edge must show, and both together.
 LEAST_EACH, LEAST_BOTH = 0.25, 1.0
-# Two lines that hardly spread are the edges of the streak.
+"""Share of the length along which each edge must show, and both together."""
 LEAST_TAPER = 0.05
-# Share of the length along which a streak must show when the edges do not.
+"""Two lines that hardly spread are the edges of the streak."""
 LEAST_STREAK = 0.8
-# Edges weaker than those of pads are asked here: dim metal before a dark board, levels per px.
+"""Share of the length along which a streak must show when the edges do not."""
 LEAST_SLOPE = 3.0
+"""Edges weaker than those of pads are asked here: dim metal before a dark board, levels per px."""
 
 
 @dataclass(frozen=True, slots=True)
-class SeenNeedle:
-    """Hold what a red picture shows of the needle: its outline (4, 2) px, and whether both edges were seen.
+class SeenProbe:
+    """Hold what a red image shows of the probe: its outline (4, 2) px, and whether both edges were seen.
 
     When only a streak of light along it was seen, the outline is where it may be, whatever its taper and turn.
     """
@@ -47,12 +46,10 @@ class SeenNeedle:
     certain: bool
 
 
-def find_needle(
-    edgels: Edgels, tip_px: tuple[float, float], direction_rad: float, margin_px: float
-) -> SeenNeedle | None:
-    """Find a needle that ends at `tip_px`, its outline grown by `margin_px`; None where none shows.
+def find_probe(edgels: Edgels, tip_px: tuple[float, float], direction_rad: float, margin_px: float) -> SeenProbe | None:
+    """Find a probe that ends at `tip_px`, its outline grown by `margin_px`; None where none shows.
 
-    direction_rad: about where the needle points, good to a few degrees.
+    direction_rad: about where the probe points, good to a few degrees.
     """
     c, s = float(np.cos(direction_rad)), float(np.sin(direction_rad))
     dx, dy = edgels.x_px - tip_px[0], edgels.y_px - tip_px[1]
@@ -73,10 +70,10 @@ def find_needle(
 
     (end, taper, turn), shown = _wedge(behind, beside)
     if min(shown) >= LEAST_EACH and sum(shown) >= LEAST_BOTH and taper > LEAST_TAPER:
-        return SeenNeedle(outline(end, taper, turn), certain=True)
+        return SeenProbe(outline(end, taper, turn), certain=True)
     if _streak(behind, beside) < LEAST_STREAK:
         return None
-    return SeenNeedle(outline(float(HALF_END_PX[-1]), float(TAPER.mean() + TURN[-1] / 2.0), 0.0), certain=False)
+    return SeenProbe(outline(float(HALF_END_PX[-1]), float(TAPER.mean() + TURN[-1] / 2.0), 0.0), certain=False)
 
 
 def _wedge(behind: NDArray[np.float32], beside: NDArray[np.float32]) -> tuple[tuple[float, float, float], list[float]]:

@@ -1,0 +1,81 @@
+"""The places the station goes to follow from head, board and surface, as calibrated, else as configured."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from daemon.station.kinematics import Geometry
+from drivers.gantry import Position
+from tests.daemon.procedures.fake_station import WORK_Z_UM, World, a_board
+from vision.geometry.frames import Rigid2
+from vision.head.model import CircleHead
+
+PLACE_UM = (10_000.0, 5_000.0)
+
+
+@pytest.fixture
+def world(tmp_path: Path) -> World:
+    return World(tmp_path, a_board(("A", *PLACE_UM)), {}).teach()
+
+
+def test_without_calibration_the_board_lies_where_the_configuration_has_it(world: World) -> None:
+    assert world.geometry.nominal_um(PLACE_UM) == pytest.approx((70_000.0, 45_000.0))
+    assert world.geometry.board_to_robot_um(PLACE_UM) == pytest.approx((70_000.0, 45_000.0))
+    many = world.geometry.board_to_robot_um([PLACE_UM, (0.0, 0.0)])
+    assert many == pytest.approx(np.array([(70_000.0, 45_000.0), (60_000.0, 40_000.0)]))
+
+
+def test_an_aligned_board_is_turned_scaled_and_shifted_and_the_nominal_place_stays(world: World) -> None:
+    world.with_alignment(Rigid2(90.0, 61_000.0, 42_000.0), scale=1.001)
+    assert world.geometry.board_to_robot_um(PLACE_UM) == pytest.approx((61_000.0 - 5_005.0, 42_000.0 + 10_010.0))
+    many = world.geometry.board_to_robot_um([PLACE_UM, (1_000.0, 0.0)])
+    assert many == pytest.approx(np.array([(55_995.0, 52_010.0), (61_000.0, 43_001.0)]))
+    assert world.geometry.nominal_um(PLACE_UM) == pytest.approx((70_000.0, 45_000.0))
+
+
+def test_the_alignment_of_another_board_does_not_count(world: World) -> None:
+    world.with_alignment(Rigid2(0.0, 0.0, 0.0))
+    other = world.board.model_copy(update={"name": "another"})
+    geometry = Geometry(world.config, other, world.calibrations)
+    assert geometry.board_to_robot_um(PLACE_UM) == pytest.approx((70_000.0, 45_000.0))
+
+
+def test_the_head_stands_beside_a_place_by_the_tips_offset_at_working_height(world: World) -> None:
+    head = CircleHead(10_000.0, 0.0)
+    world.with_head(head)
+    assert world.geometry.head == head
+    over = world.geometry.position_over(PLACE_UM, 90.0)
+    assert (over.x_um, over.y_um) == pytest.approx((70_000.0, 35_000.0))
+    assert (over.z_um, over.theta_deg) == (WORK_Z_UM, 90.0)
+    assert world.geometry.position_at((1_000.0, 2_000.0), 0.0) == Position(-9_000.0, 2_000.0, WORK_Z_UM, 0.0)
+
+
+def test_the_configurations_head_counts_until_one_is_calibrated(world: World) -> None:
+    nominal = world.config.head.model()
+    assert world.geometry.head == nominal
+    assert world.geometry.tip_um(Position(100.0, 200.0, 0.0, 30.0)) == pytest.approx(
+        np.add((100.0, 200.0), nominal.tip_offset_um(30.0))
+    )
+
+
+def test_over_a_place_the_tip_is_on_it_and_the_way_to_another_points_there(world: World) -> None:
+    over = world.geometry.position_over(PLACE_UM, 200.0)
+    assert world.geometry.tip_um(over) == pytest.approx((70_000.0, 45_000.0))
+    assert world.geometry.from_tip_um(PLACE_UM, over) == pytest.approx((0.0, 0.0), abs=1e-6)
+    assert world.geometry.from_tip_um((10_300.0, 4_900.0), over) == pytest.approx((300.0, -100.0))
+
+
+def test_the_surface_is_flat_until_it_is_measured_then_its_height_is_that_below_the_tip(world: World) -> None:
+    over = world.geometry.position_over(PLACE_UM, 0.0)
+    assert world.geometry.height_um((70_000.0, 45_000.0)) == 0.0
+    assert world.geometry.height_below_um(over) == 0.0
+    world.with_surface(raised_um=25.0)
+    surface = world.calibrations.surface
+    assert surface is not None
+    assert world.geometry.height_below_um(over) == pytest.approx(surface.height_um(70_000.0, 45_000.0))
+    assert world.geometry.height_um((70_000.0, 45_000.0)) != pytest.approx(
+        world.geometry.height_um((45_000.0, 70_000.0))
+    )
