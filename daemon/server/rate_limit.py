@@ -19,6 +19,11 @@ class RateLimit:
         self._per_s, self._burst, self._now_s = per_s, burst, now_s
         self._buckets: dict[str, tuple[float, float]] = {}
 
+    @property
+    def remembered(self) -> int:
+        """How many clients are remembered; `BUCKETS` at most."""
+        return len(self._buckets)
+
     def spend(self, client: str) -> None:
         """Take one token; raise `Fault` with `retry_after_ms` if there is none."""
         now_s = self._now_s()
