@@ -73,7 +73,8 @@ class Learned:
             except (ValueError, OSError) as exc:
                 log.debug("history_not_read", file=str(file), why=str(exc))
                 continue
-            if isinstance(record, RotationRecord) and record.probe == present.probe:
+            # A writer that was killed may have left a second name of the present one in the history.
+            if isinstance(record, RotationRecord) and record.probe == present.probe and record != present:
                 return record
         return None
 

@@ -14,7 +14,7 @@ from daemon.tools.report.command import NOT_WRITTEN, OK, WRONG, Parser, own_sett
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; return its exit status."""
-    parser = Parser(prog="python -m daemon.report", description=__doc__)
+    parser = Parser(prog="python -m daemon.tools.report", description=__doc__)
     parser.add_argument("record", type=Path, help="the calibration's JSON record")
     parser.add_argument("--previous", type=Path, help="the record it replaced, for the drift")
     parser.add_argument("-o", "--output", type=Path, required=True, help="the page to write")
