@@ -1,4 +1,4 @@
-"""The parts of one running daemon, put together."""
+"""Composition root: all parts of one running daemon, each made with its collaborators."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Run a job of minutes from the command line: a bar from the daemon's progress events, the result at the end."""
+"""Progress bar of a long job, fed by the daemon's progress events."""
 
 from __future__ import annotations
 

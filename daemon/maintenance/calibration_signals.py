@@ -1,4 +1,4 @@
-"""What maintenance follows of the calibrations: what is in force, how old it is, how often the probe has touched."""
+"""Signals of the calibrations: which are in force, how old they are, touches made with the probe."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Learned:
         self._rotation: tuple[str, RotationRecord | None] = ("", None)
 
     def bases(self) -> dict[str, str]:
-        """Return what watches begin anew with: kind -> what is in force."""
+        """Return what restarts watches: kind -> what is in force."""
         made = self._calibrations.made_at()
         bases: dict[str, str] = {
             kind: made[kind] for kind in ("map", "rotation", "surface", "alignment") if kind in made

@@ -1,4 +1,4 @@
-"""Atomic replacement of files: a reader, and a power cut, find the old content or the new, never a part of it."""
+"""Atomic files: either whole or not there."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Alignment of the board: look at its fiducials and fit CAD to what was seen (three points align the board)."""
+"""Board alignment: look at the fiducials and fit CAD to what was seen (three points align the board)."""
 
 from __future__ import annotations
 

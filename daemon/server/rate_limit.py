@@ -1,4 +1,4 @@
-"""How much one client may ask: a bucket of tokens each, filled steadily, emptied by requests."""
+"""Rate limit of each client: a bucket of tokens, filled steadily, emptied by requests."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Callable
 from daemon.domain.errors import Fault, FaultCode
 
 BUCKETS = 1024
-"""So many clients are remembered; of more, those that have been quiet longest begin anew."""
+"""So many clients are remembered; of more, those that have been quiet longest start with a full bucket."""
 
 
 class RateLimit:

@@ -38,7 +38,7 @@ log = structlog.get_logger(__name__)
 
 @dataclass(frozen=True, eq=False)
 class InForce:
-    """What is calibrated at one moment; it never changes, so that whoever reads it reads one state only."""
+    """What is calibrated at one moment; it never changes, so that a reader sees one state only."""
 
     station: str
     probe: ProbeModel | None = None

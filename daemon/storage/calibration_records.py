@@ -1,4 +1,4 @@
-"""Records of calibrations: one JSON file each, with date, station, all that was measured and what followed from it.
+"""Calibration records: one JSON file each, with date, station, all that was measured and what followed from it.
 
 Every kind keeps the raw measurements beside the fitted numbers, and the limits that judged them, so that a page can be
 drawn from the file alone and the fit can be repeated years later. Lengths um, angles degrees, px as the names say.

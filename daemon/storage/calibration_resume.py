@@ -1,4 +1,4 @@
-"""Resuming an interrupted rotational calibration: what it has measured so far, on disk."""
+"""Resume file of an interrupted rotational calibration: what it has measured so far."""
 
 from __future__ import annotations
 

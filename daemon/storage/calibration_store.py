@@ -1,4 +1,4 @@
-"""The store of calibrations: probe, map, head, surface, play and alignment, one file each.
+"""Calibration store: probe, map, head, surface, alignment; in files, replaced whole or not at all.
 
 A calibration is in force only when it is on disk. The new file is written beside and flushed, the old one gets a second
 name in `history/`, and one rename makes the new one the present one; only then does memory change, by one assignment.

@@ -1,4 +1,4 @@
-"""Installation of what the service manager needs: units, user, folders, device rules. Twice is the same as once.
+"""Installation for the service manager: units, user, folders, device rules. Twice is the same as once.
 
 Files that are the package's own are brought up to date; what a person edits (`station.toml`, the device rules) is
 written once and never touched again.

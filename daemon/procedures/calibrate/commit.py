@@ -1,4 +1,4 @@
-"""The commit of a calibration: its record goes to disk and in force, and its page is drawn.
+"""Commit of a calibration: its record goes to disk and into force, and its page is drawn.
 
 The answer says which calibration is in force, however the job ends.
 """

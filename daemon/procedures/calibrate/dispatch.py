@@ -1,4 +1,4 @@
-"""Choice of the calibration that was asked for, and the two short ones: teach the tip, map pixels to um."""
+"""Dispatch of calibrations, and the two short ones: teach the tip, map pixels to um at one head angle."""
 
 from __future__ import annotations
 

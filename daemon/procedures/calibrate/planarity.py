@@ -1,4 +1,4 @@
-"""Planarity check of the surface (thesis 6.2, end): touch places all over the board, fit the plane, give a verdict."""
+"""Planarity check (thesis 6.2, end): touch places all over the board, fit the plane, give a verdict."""
 
 from __future__ import annotations
 

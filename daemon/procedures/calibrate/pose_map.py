@@ -1,4 +1,4 @@
-"""Calibration of the map from image to robot: acquire it, refuse what must not be trusted, store what is good."""
+"""Pose map calibration: acquire the map from image to robot, and refuse one that must not be trusted."""
 
 from __future__ import annotations
 

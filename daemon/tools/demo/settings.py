@@ -1,4 +1,4 @@
-"""The configuration of the demonstration's station: where its files and sockets are."""
+"""Settings of a daemon that drives the simulated station: the same file a real station has."""
 
 from __future__ import annotations
 

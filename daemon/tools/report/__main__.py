@@ -1,4 +1,4 @@
-"""The command: draw one calibration's page and renew the index beside it.
+"""Command that draws one calibration's page and renews the index beside it.
 
 Exit status 0: written. 1: a file could not be read or written. 2: the call or a record is wrong. With 1 and 2 one line
 on stderr says why, and a page that was there before is as it was.

@@ -1,4 +1,4 @@
-"""The page of a board's alignment."""
+"""Page of a board's alignment."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page of a map from image to robot."""
+"""Page of a map from image to robot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page of a rotation."""
+"""Page of a rotation."""
 
 from __future__ import annotations
 
