@@ -122,8 +122,9 @@ async def test_before_and_after_are_landings_by_the_old_head_and_the_new(world: 
 async def test_the_model_asked_for_is_the_one_that_is_fitted(world: World) -> None:
     for model in ("circle", "fourier", "array"):
         detail = (await _measure(world, {"model": model})).got.detail
-        assert detail["model"].split()[0] == model
-        assert _record(world).kind == model
+        record = _record(world)
+        assert record.kind == model
+        assert detail["model"] == (f"fourier {record.order}" if model == "fourier" else model)
 
 
 async def test_an_outlier_is_named_and_does_not_count(world: World) -> None:

@@ -171,6 +171,18 @@ async def test_a_hidden_print_is_looked_at_from_beside(world: World, blind: int)
     assert run.measured.stops[0].off_um == pytest.approx(0.0, abs=0.05)
 
 
+@pytest.mark.parametrize("blind", [1, 4])
+async def test_a_print_seen_from_beside_at_the_end_has_not_moved(world: World, blind: int) -> None:
+    """It is looked at from all four sides in turn, until one shows it."""
+    assert ASIDE_UM == ((0.0, 0.0), (250.0, 0.0), (-250.0, 0.0), (0.0, 250.0), (0.0, -250.0))
+    first = 1 + len(ANGLES)
+    world.station.script = dict.fromkeys(range(first + 1, first + 1 + blind), _unseen)
+    run, ran = _run(world)
+    await _measure(run, ran)
+    assert len(world.gantry.moves) == first + 1 + blind
+    assert run.closure_um == pytest.approx(0.0, abs=0.05)
+
+
 async def test_a_print_that_is_nowhere_at_the_first_angle_ends_the_run(world: World) -> None:
     world.hidden = {"control point"}
     run, ran = _run(world)
