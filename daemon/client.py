@@ -1,4 +1,4 @@
-"""What a tester in Python imports: one blocking client for the control socket, one listener for the events."""
+"""Client for testers in Python: a blocking client for the control socket, a listener for the events."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from daemon.wire.requests import WIRE_VERSION
 DEFAULT_CONTROL = "tcp://127.0.0.1:5555"
 DEFAULT_EVENTS = "tcp://127.0.0.1:5556"
 KEY_VARIABLE = "REPROBE_KEY"
-"""Names the key file of whoever gives none."""
+"""Environment variable that names the key file, where none is given."""
 WILDCARDS = ("*", "0.0.0.0", "[::]")  # noqa: S104  # what a station may bind, not what we bind
 HANDSHAKES = (
     zmq.EVENT_HANDSHAKE_FAILED_AUTH | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL | zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL
@@ -88,7 +88,7 @@ class Client:
             self._socket.send(message)
             self._wait(zmq.POLLIN, give_up_s)
         except NoAnswer:
-            # A REQ socket that waits for a reply can send nothing else: begin anew.
+            # A REQ socket that waits for a reply can send nothing else: take a new one.
             self._let_go()
             self._connect()
             raise
@@ -166,7 +166,7 @@ class Subscription:
 def listen(
     endpoint: str = DEFAULT_EVENTS, topics: tuple[str, ...] = ("",), keys: Keys = None
 ) -> Iterator[dict[str, Any]]:
-    """Yield events for ever."""
+    """Yield events until closed."""
     with Subscription(endpoint, topics, keys) as heard:
         while (event := heard.next()) is not None:
             yield event

@@ -1,4 +1,4 @@
-"""The daemon's own health, once in a while: how late the event loop is, and memory given back after jobs."""
+"""Housekeeping beside the jobs: lag of the event loop, and memory given back to the system."""
 
 from __future__ import annotations
 

@@ -1,9 +1,10 @@
-"""The parts of one running daemon, put together."""
+"""Composition root: all parts of one running daemon, each made with its collaborators."""
 
 from __future__ import annotations
 
 from contextlib import AsyncExitStack
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
@@ -43,12 +44,10 @@ LINGER_MS = 200
 class Runtime:
     """One daemon, whole: every part was given its collaborators when it was made."""
 
-    version: str
     settings: CurrentSettings
     notifier: Notifier
     metrics: Metrics
     journal: Journal
-    events: EventPublisher
     latch: FaultLatch
     supervisor: StationSupervisor
     monitor: Monitor
@@ -66,63 +65,119 @@ class _Sockets:
     events: EventPublisher
 
 
+@dataclass(frozen=True)
+class _Base:
+    """What everything else stands on."""
+
+    version: str
+    settings: CurrentSettings
+    journal: Journal
+    metrics: Metrics
+    sockets: _Sockets
+    notifier: Notifier
+    latch: FaultLatch
+    lock: StationLock
+    status_line: StatusLine
+
+
+@dataclass(frozen=True)
+class _Work:
+    """What looks after the station and runs its jobs."""
+
+    calibrations: Calibrations
+    images: ImageArchive
+    supervisor: StationSupervisor
+    monitor: Monitor
+    runner: JobRunner
+
+
 async def put_together(config: Config, path: Path | None, stack: AsyncExitStack) -> Runtime:
     """Make every part, leaves first; `stack` takes them apart again in the opposite order.
 
     `path`: the file the configuration came from, absolute; SIGHUP reads it again. Devices are opened later.
     """
+    base = await _make_base(config, stack)
+    announcer = Announcer(
+        base.sockets.events, base.journal, base.status_line, base.notifier, config.station.name, base.version
+    )
+    base.latch.subscribe(announcer.on_change)
+    work = _make_work(base)
+    control = _make_control(base, work, stack)
+    stack.push_async_callback(work.supervisor.release)
+    reloader = Reloader(
+        path,
+        lambda: base.settings.config,
+        lambda: base.lock.hold("reload"),
+        partial(_take_over, base, work, control),
+        announcer.tell_of_reload,
+    )
+    return Runtime(
+        base.settings, base.notifier, base.metrics, base.journal, base.latch, work.supervisor, work.monitor,
+        work.runner, base.status_line, announcer, control, reloader,
+    )  # fmt: skip
+
+
+async def _make_base(config: Config, stack: AsyncExitStack) -> _Base:
     settings = CurrentSettings(config, Board.load(config.board.file))
-    data_dir, name = config.station.data_dir, config.station.name
-    stack.enter_context(alone(data_dir))
-    journal = await Journal.open(data_dir / "journal.sqlite")
+    stack.enter_context(alone(config.station.data_dir))
+    journal = await Journal.open(config.station.data_dir / "journal.sqlite")
     stack.push_async_callback(journal.close)
     program = version("reprobe")
-    metrics = Metrics(name, program)
+    metrics = Metrics(config.station.name, program)
     sockets = _open_sockets(config, journal, metrics, stack)
     notifier = Notifier.from_environment()
     stack.callback(notifier.close)
+    latch = FaultLatch()
+    return _Base(
+        program, settings, journal, metrics, sockets, notifier, latch, StationLock(), StatusLine(latch, notifier)
+    )
 
-    latch, lock = FaultLatch(), StationLock()
-    status_line = StatusLine(latch, notifier)
-    announcer = Announcer(sockets.events, journal, status_line, notifier, name, program)
-    latch.subscribe(announcer.on_change)
-    calibrations = Calibrations(data_dir / "calibration", name)
-    images = ImageArchive(data_dir / "pictures", config.station.pictures, config.station.pictures_quota_mb)
-    supervisor = StationSupervisor(settings, latch, lock, calibrations, journal, open_hardware)
-    monitor = Monitor(settings, calibrations, lambda: supervisor.hardware, journal, sockets.events)
+
+def _make_work(base: _Base) -> _Work:
+    settings, station = base.settings, base.settings.config.station
+    calibrations = Calibrations(station.data_dir / "calibration", station.name)
+    images = ImageArchive(station.data_dir / "pictures", station.pictures, station.pictures_quota_mb)
+    supervisor = StationSupervisor(settings, base.latch, base.lock, calibrations, base.journal, open_hardware)
+    monitor = Monitor(settings, calibrations, lambda: supervisor.hardware, base.journal, base.sockets.events)
     runner = JobRunner(
         Surroundings(
-            station=name, latch=latch, lock=lock, journal=journal, publisher=sockets.events, images=images,
-            procedures=PROCEDURES, context=supervisor.context, limits=lambda: _limits(settings.config),
-            observer=monitor, watchdog=Watchdog(notifier.feed, notifier.feed_every_s),
-            on_result=status_line.on_result,
+            station=station.name, latch=base.latch, lock=base.lock, journal=base.journal,
+            publisher=base.sockets.events, images=images, procedures=PROCEDURES, context=supervisor.context,
+            limits=lambda: _limits(settings.config), observer=monitor,
+            watchdog=Watchdog(base.notifier.feed, base.notifier.feed_every_s), on_result=base.status_line.on_result,
         )
     )  # fmt: skip
-    vitals = VitalsReader(latch, lambda: runner.queued, calibrations, lambda: supervisor.hardware, data_dir)
-    _serve_metrics(metrics, vitals, config.metrics.port, stack)
+    return _Work(calibrations, images, supervisor, monitor, runner)
+
+
+def _make_control(base: _Base, work: _Work, stack: AsyncExitStack) -> ControlSocket:
+    """Make the control socket, what answers there, and the metrics that are read beside it."""
+    config = base.settings.config
+    vitals = VitalsReader(
+        base.latch, lambda: work.runner.queued, work.calibrations, lambda: work.supervisor.hardware,
+        config.station.data_dir,
+    )  # fmt: skip
+    _serve_metrics(base.metrics, vitals, config.metrics.port, stack)
     handlers = Handlers(
         Collaborators(
-            settings=settings, latch=latch, runner=runner, reset=supervisor.reset, calibrations=calibrations,
-            images=images, metrics=metrics, monitor=monitor, journal=journal, vitals=vitals.read,
+            settings=base.settings, latch=base.latch, runner=work.runner, reset=work.supervisor.reset,
+            calibrations=work.calibrations, images=work.images, metrics=base.metrics, monitor=work.monitor,
+            journal=base.journal, vitals=vitals.read,
         )
     )  # fmt: skip
-    control = ControlSocket(sockets.context, config.api, program, handlers, sockets.authenticator)
+    sockets = base.sockets
+    control = ControlSocket(sockets.context, config.api, base.version, handlers, sockets.authenticator)
     stack.callback(control.close)
-    stack.push_async_callback(supervisor.release)
+    return control
 
-    def take_over(change: Change) -> None:
-        """Put another configuration in force; nothing runs, and no device sees a difference."""
-        settings.replace(change)
-        images.adopt(change.config.station.pictures, change.config.station.pictures_quota_mb)
-        control.adopt(change.config.api)
-        monitor.adopt()
-        supervisor.refresh_context()
 
-    reloader = Reloader(path, lambda: settings.config, lambda: lock.hold("reload"), take_over, announcer.tell_of_reload)
-    return Runtime(
-        program, settings, notifier, metrics, journal, sockets.events, latch, supervisor, monitor, runner,
-        status_line, announcer, control, reloader,
-    )  # fmt: skip
+def _take_over(base: _Base, work: _Work, control: ControlSocket, change: Change) -> None:
+    """Put another configuration in force; nothing runs, and no device sees a difference."""
+    base.settings.replace(change)
+    work.images.adopt(change.config.station.pictures, change.config.station.pictures_quota_mb)
+    control.adopt(change.config.api)
+    work.monitor.adopt()
+    work.supervisor.refresh_context()
 
 
 def _open_sockets(config: Config, journal: Journal, metrics: Metrics, stack: AsyncExitStack) -> _Sockets:

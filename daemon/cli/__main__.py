@@ -1,4 +1,4 @@
-"""Let `python -m daemon.cli` be the command."""
+"""Entry point of `python -m daemon.cli`."""
 
 from daemon.cli import main
 

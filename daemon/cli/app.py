@@ -1,4 +1,4 @@
-"""Put the commands together."""
+"""The command line put together from its commands."""
 
 from __future__ import annotations
 

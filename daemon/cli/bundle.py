@@ -1,4 +1,4 @@
-"""`reprobe bundle`: what somebody far away needs to help."""
+"""`reprobe bundle`: the support bundle, for help from afar."""
 
 from __future__ import annotations
 

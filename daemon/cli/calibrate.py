@@ -1,4 +1,4 @@
-"""`reprobe calibrate ...` and `reprobe align`: what a station learns, one command each, with a bar while it lasts."""
+"""`reprobe calibrate ...` and `reprobe align`: one command for each calibration, with a progress bar."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page on which a person clicks the needle's end: the picture, a magnifier, and the command to run."""
+"""Page to click the tip on: the image, a magnifier, and the command to run."""
 
 from __future__ import annotations
 

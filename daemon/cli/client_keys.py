@@ -1,4 +1,4 @@
-"""Let every command that speaks to a daemon come with a key."""
+"""Option `--key` for every command that speaks to a daemon."""
 
 from __future__ import annotations
 

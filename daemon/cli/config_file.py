@@ -1,4 +1,4 @@
-"""The station's configuration as an option, and its loading for commands that cannot do without it."""
+"""Option `--config`, and loading of the station's configuration for commands that need it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command that shows everything working: three processes, twelve points, one table, one report."""
+"""`reprobe demo`: three processes, twelve points, one table, one report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`reprobe doctor`: is this station fit to work, and what to do if not."""
+"""`reprobe doctor`: examination of a station, and what to do about what it finds."""
 
 from __future__ import annotations
 

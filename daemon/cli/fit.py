@@ -1,4 +1,4 @@
-"""`fit`: what a rotational record says of the head (thesis 6.2, appendix D), and which model predicts it best."""
+"""`reprobe fit`: head models fitted to a rotational record (thesis 6.2, appendix D), and which predicts best."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A result, an event, in a line for people."""
+"""One-line texts of results and events."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`reprobe health`, `reprobe acknowledge`, `reprobe report`: how the station is, who knows of it, and a month of it."""
+"""`reprobe health`, `reprobe acknowledge`, `reprobe report`: watches, alerts and a month of a station."""
 
 from __future__ import annotations
 

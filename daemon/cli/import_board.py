@@ -1,4 +1,4 @@
-"""The command that reads a board's CAD."""
+"""`reprobe board`: import of a board's CAD."""
 
 from __future__ import annotations
 

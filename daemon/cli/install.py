@@ -1,4 +1,4 @@
-"""The command that lays out units, user and device rules."""
+"""`reprobe install`: units, user, folders and device rules."""
 
 from __future__ import annotations
 

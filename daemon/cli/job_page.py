@@ -1,4 +1,4 @@
-"""One job as one HTML page with its pictures inside, to be sent to somebody who was not there."""
+"""HTML page of one job with its images inside, to be sent to somebody who was not there."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`reprobe journal ...`: what the station did, out of its journal; works beside a running daemon and without one."""
+"""`reprobe journal ...`: reading the journal, beside a running daemon or without one."""
 
 from __future__ import annotations
 
@@ -144,7 +144,7 @@ def _write_csv(path: Path, jobs: Iterator[JobRow]) -> None:
 
 
 def _plain(value: Any) -> Any:
-    """Return a cell that no spreadsheet takes for a formula: texts come from whoever named the job."""
+    """Return a cell that no spreadsheet takes for a formula: texts come from those who named the jobs."""
     return f"'{value}" if isinstance(value, str) and value[:1] in ("=", "+", "-", "@", "\t", "\r") else value
 
 

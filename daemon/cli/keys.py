@@ -1,4 +1,4 @@
-"""`reprobe keys ...`: who may reach the daemon from outside, and as what."""
+"""`reprobe keys ...`: client keys, their roles, and the allow-list."""
 
 from __future__ import annotations
 

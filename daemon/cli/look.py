@@ -1,4 +1,4 @@
-"""`reprobe look`: at stored pictures by itself, or through a running daemon's camera."""
+"""`reprobe look`: tip and pads in stored images, or through a running daemon's camera."""
 
 from __future__ import annotations
 

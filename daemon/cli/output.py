@@ -1,4 +1,4 @@
-"""How commands speak: tables and sentences for people, JSON lines for machines, errors with what to do next."""
+"""Output of commands: tables and sentences for people, JSON lines for machines, errors with what to do next."""
 
 from __future__ import annotations
 

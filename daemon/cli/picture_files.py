@@ -1,4 +1,4 @@
-"""Pictures and other results as files: read with a check of what they are, written whole or not at all."""
+"""Image and result files: read with a check of what they are, written whole or not at all."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Points of a picture as they are written on the command line."""
+"""Image points as arguments of the command line."""
 
 from __future__ import annotations
 

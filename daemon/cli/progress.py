@@ -1,8 +1,9 @@
-"""Run a job of minutes from the command line: a bar from the daemon's progress events, the result at the end."""
+"""Progress bar of a long job, fed by the daemon's progress events."""
 
 from __future__ import annotations
 
 import uuid
+from collections.abc import Mapping
 from typing import Any
 
 import typer
@@ -69,9 +70,18 @@ def _tell(result: JobResult) -> None:
         fault = result.error
         out.print(f"[red]{result.op} failed[/]: {fault.name} ({fault.code}), {fault.message}", highlight=False)
         out.print(f"  [dim]->[/] {fault.advice}", highlight=False)
+        if "in_force" in result.detail:
+            out.print(f"  in force: {in_force_words(result.detail)}", highlight=False)
         return
     table = Table.grid(padding=(0, 2))
     for name, value in result.detail.items():
         table.add_row(name, ", ".join(map(str, value)) if isinstance(value, list) else str(value))
     out.print(f"[green]{result.outcome}[/], {result.looks} looks, {result.moves} moves", highlight=False)
     out.print(table)
+
+
+def in_force_words(detail: Mapping[str, Any]) -> str:
+    """Say which calibration holds after one that failed."""
+    which, made_at = detail["in_force"], detail.get("made_at")
+    what = f"{which} {detail.get('what', 'calibration')}" if which != "none" else f"no {detail.get('what')}"
+    return f"{what}, made {made_at}" if made_at else what

@@ -1,4 +1,4 @@
-"""Commands that start something: the daemon, the simulated station; and the check of a configuration."""
+"""`reprobe run`, `reprobe sim`, `reprobe check-config`: commands that start something, and the check before."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Look at stored pictures as the daemon looks at live ones; gather what was found for people and for machines."""
+"""A look at stored images, by the daemon's own functions."""
 
 from __future__ import annotations
 

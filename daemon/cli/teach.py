@@ -1,4 +1,4 @@
-"""`reprobe teach`: learn a probe from a stored white picture, at a desk."""
+"""`reprobe teach`: a probe model from a stored white image."""
 
 from __future__ import annotations
 

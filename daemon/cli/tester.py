@@ -1,4 +1,4 @@
-"""Commands of a tester and of whoever sets the station up: they speak to a running daemon."""
+"""Commands of a tester: `home`, `place`, `correct`, `status` and the like, sent to a running daemon."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was seen, as JSON with stable keys and as tables; every number's unit is in its name."""
+"""Output of vision: JSON with stable keys, and tables; every number's unit is in its name."""
 
 from __future__ import annotations
 

@@ -55,7 +55,7 @@ def _print_lines(endpoint: str, topics: tuple[str, ...], count: int, *, as_json:
 
 
 def follow(endpoint: str, view: WatchView, shown: Callable[[], Any]) -> None:
-    """Keep a view up to date for ever; `shown` is called after each change and several times a second.
+    """Keep a view up to date until interrupted; `shown` is called after each change and several times a second.
 
     A daemon that is not there, or goes and comes back, is waited for; what was missed meanwhile is asked for.
     """

@@ -1,4 +1,4 @@
-"""What `reprobe watch` shows: a picture of the daemon put together from a snapshot and the events after it."""
+"""The view of `reprobe watch`, put together from a snapshot and the events after it."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class WatchView:
     restarts: int = 0
 
     def take_snapshot(self, snapshot: dict[str, Any], now_s: float) -> None:
-        """Begin anew from what the daemon says of itself."""
+        """Start over from a snapshot of the daemon."""
         self.station, self.state, self.fault = snapshot["station"], snapshot["state"], snapshot["fault"]
         self.running, self.queued = snapshot["running"], snapshot["queued"]
         self.calibration, self.links = snapshot["calibration"], snapshot.get("links", {})

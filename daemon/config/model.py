@@ -360,7 +360,7 @@ def _require_own(path: Path, *, strict: bool) -> None:
 
 
 def _resolved(config: Config, base: Path) -> Config:
-    """Make relative paths relative to the configuration file, not to whoever starts the daemon."""
+    """Make relative paths relative to the configuration file, not to where the daemon is started."""
     station = config.station.model_copy(update={"data_dir": base / config.station.data_dir})
     board = config.board.model_copy(update={"file": base / config.board.file})
     api = config.api.model_copy(update={"keys_dir": base / config.api.keys_dir})

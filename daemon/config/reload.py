@@ -1,4 +1,4 @@
-"""Another configuration for a running daemon: what may change while it runs, and what needs a restart.
+"""Reload of the configuration: what may change while the daemon runs, and what needs a restart.
 
 The file is read and checked whole before anything is touched. If one value is wrong, or one value changed that only a
 restart can change, nothing of it is taken over and the daemon goes on with what it had.

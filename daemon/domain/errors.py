@@ -1,4 +1,4 @@
-"""Everything that can go wrong, with its stable code, its name, what caused it and what to do.
+"""Faults: every kind with its stable code, its name, what caused it and what to do.
 
 Ranges: 1xxx the request, 2xxx seeing, 3xxx motion, 4xxx link, light and camera, 5xxx safety, 9xxx internal.
 Codes and names are part of the wire contract: new ones may be added, old ones never change.

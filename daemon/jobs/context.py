@@ -1,4 +1,4 @@
-"""Context and outcome of a running job, and the type of its procedure."""
+"""Context of a running job: request, deadline, time, steps, and how it ended."""
 
 from __future__ import annotations
 

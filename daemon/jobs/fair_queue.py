@@ -1,4 +1,4 @@
-"""A queue that serves its clients in turn: who sends much waits behind who sends little, not the other way round."""
+"""Fair queue: clients are served in turn, so that one who sends much does not hold up one who sends little."""
 
 from __future__ import annotations
 

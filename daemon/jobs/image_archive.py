@@ -1,4 +1,4 @@
-"""The pictures of a job, on disk in a ring with a quota: what the daemon saw, and what it made of it."""
+"""Image archive of the jobs: a ring of folders on disk with a quota."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def _sheets(look: LookResult) -> Iterator[tuple[str, Pixels]]:
 
 
 def _folder_name(job_id: str) -> str:
-    """Return a name that is safe for any file system, and still one id's own, whoever chose the id and why.
+    """Return a name that is safe for any file system, and still one id's own, whatever the id is.
 
     ASCII letters, digits, dot, dash and underscore stay, up to 64; an id that is more than that gets a digest behind a
     tilde, which no id that stays as it is can have.

@@ -1,4 +1,4 @@
-"""Where the daemon tells maintenance what happened. Nothing here may wait, raise, or cost a job time."""
+"""Observer of jobs, for maintenance. Nothing here may wait, raise, or cost a job time."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from daemon.wire.events import Topic
 
 
 class JobObserver:
-    """What is called; by itself it does nothing, for whoever has no maintenance."""
+    """What is called; by itself it does nothing, where there is no maintenance."""
 
     def on_step(self, job_id: str, kind: str, body: Mapping[str, Any]) -> None:
         """Hear that a job looked or moved."""

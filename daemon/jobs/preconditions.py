@@ -1,4 +1,4 @@
-"""What speaks against a job before it is queued: pure checks that raise the `Fault` it is refused with."""
+"""Preconditions of a job, checked before it is queued; each raises the `Fault` it is refused with."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Is the job loop alive, and is the job it runs? Only a yes feeds the watchdog.
+"""Watchdog of the job loop and of its job: only while both live is the manager fed.
 
 The job loop itself asks, each time it turns: while it waits for a job, and while it waits for the one under way to end.
 So a blocked event loop, a job loop that is stuck or gone, and a job that hangs all end the same way: nobody feeds, and
-the service manager starts the daemon anew, which moves nothing.
+the service manager restarts the daemon, which moves nothing.
 
 A long job is no hang. A job hangs when it is past its own deadline by more than it takes to stop everything, or when
 for `SILENT_S` it has done nothing that shows: no picture, no step, no request on a bus, no progress told.

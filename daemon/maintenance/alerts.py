@@ -1,4 +1,4 @@
-"""What stands against the station: raised once, kept up to date, acknowledged by a person, cleared when it is gone."""
+"""Active alerts: raised once, kept up to date, acknowledged by a person, cleared when their cause is gone."""
 
 from __future__ import annotations
 

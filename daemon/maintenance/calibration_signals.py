@@ -1,4 +1,4 @@
-"""What maintenance follows of the calibrations: what is in force, how old it is, how often the probe has touched."""
+"""Signals of the calibrations: which are in force, how old they are, touches made with the probe."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Learned:
         self._rotation: tuple[str, RotationRecord | None] = ("", None)
 
     def bases(self) -> dict[str, str]:
-        """Return what watches begin anew with: kind -> what is in force."""
+        """Return what restarts watches: kind -> what is in force."""
         made = self._calibrations.made_at()
         bases: dict[str, str] = {
             kind: made[kind] for kind in ("map", "rotation", "surface", "alignment") if kind in made
@@ -73,7 +73,8 @@ class Learned:
             except (ValueError, OSError) as exc:
                 log.debug("history_not_read", file=str(file), why=str(exc))
                 continue
-            if isinstance(record, RotationRecord) and record.probe == present.probe:
+            # A writer that was killed may have left a second name of the present one in the history.
+            if isinstance(record, RotationRecord) and record.probe == present.probe and record != present:
                 return record
         return None
 

@@ -1,4 +1,4 @@
-"""Every watch of a station, as data: what it follows, when a change matters, what it begins anew with, what to do.
+"""Catalogue of watches, as data: what each follows, when a change matters, what restarts it, what to do.
 
 A new watch is a line here and a stream of that name (`daemon.maintenance.streams`).
 """
@@ -23,7 +23,7 @@ LEARNED: Final = ("probe", "map", "rotation", "surface")
 class Spec:
     """One watch. `name` is also its stream's and its alert's; `settings` of None is a limit known beforehand.
 
-    bases: calibrations with which it begins anew. what: completes "... is not what it was".
+    bases: calibrations that restart it. what: completes "... is not what it was".
     """
 
     name: str

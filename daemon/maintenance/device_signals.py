@@ -1,4 +1,4 @@
-"""What drives, lines and camera say of themselves, as numbers: counts since the last time, words, arrivals."""
+"""Signals of drives, lines and camera: counts since the last time, the drives' own words, arrivals."""
 
 from __future__ import annotations
 

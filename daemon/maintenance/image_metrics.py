@@ -1,4 +1,4 @@
-"""What a look's pictures say of lamps, lens and needle. Pure: frames in, numbers out; for a worker thread.
+"""Metrics of a look's images: lamps, lens and probe. Pure: arrays in, numbers out; for a worker thread.
 
 The scene below the needle changes with every touch; the needle itself rides with camera and lamps and looks the same
 in every picture of a healthy station. So brightness and noise are measured on it and beside it, never on the board.

@@ -1,4 +1,4 @@
-"""A figure against a limit that is known beforehand: ages, lives, a drive's warning."""
+"""Check of a figure against a known limit: ages, lives, a drive's warning."""
 
 from __future__ import annotations
 

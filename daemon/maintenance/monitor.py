@@ -1,6 +1,6 @@
-"""The one who runs maintenance: takes in what happened, judges it after the job was answered, tells what is news.
+"""Monitor of maintenance: takes in what happened, judges it after the job was answered, publishes what is new.
 
-Whoever hands something in never waits: it goes into a queue. One task empties it: pictures are measured in a worker
+Handing something in never waits: it goes into a queue. One task empties it: pictures are measured in a worker
 thread, numbers are written to the journal, the panel is fed, and what changed is published and kept. What was learned
 is kept too; at the start, rows written after that are fed again, so that a kill costs no more than touches that were
 reported since the last row. Whatever is damaged of what was kept is left out: a memory must not stop a station.
@@ -177,7 +177,7 @@ class Monitor(JobObserver):
         self._panel.restore(learned)
 
     async def run(self) -> None:
-        """Judge for ever; nothing that goes wrong here ends the daemon."""
+        """Judge until cancelled; nothing that goes wrong here ends the daemon."""
         while True:
             item: _Ended | _Reported | _Flagged | None = None
             try:
@@ -363,7 +363,7 @@ class Monitor(JobObserver):
         await self._queue.join()
 
     async def acknowledge(self, name: str, by: str, note: str, *, mended: bool) -> Alert:
-        """Write down that a person knows of an alert; `mended` begins its watch anew. Raise `Fault` for no alert."""
+        """Write down that a person knows of an alert; `mended` restarts its watch. Raise `Fault` for no alert."""
         at = utc_now()
         async with self._turn:
             news = self.alerts.acknowledge(name, by, note, at)

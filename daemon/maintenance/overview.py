@@ -1,4 +1,4 @@
-"""How every watch stands, for whoever asks: `reprobe health`, the op `alerts`."""
+"""Overview of all watches, for `reprobe health` and the operation `alerts`."""
 
 from __future__ import annotations
 

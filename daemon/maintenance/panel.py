@@ -1,4 +1,4 @@
-"""All watches of a station together: rows of numbers in, findings out. Pure; it is rebuilt from what is kept."""
+"""Panel of all watches: rows of numbers in, findings out. Pure; it is rebuilt from what is kept."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Row:
     """What was measured at one moment: stream -> numbers.
 
     A chart's stream holds any number of values, a share's is [events, trials], a limit's [figure, warn, serious].
-    bases: kind of calibration -> what is in force (its date, the probe's fingerprint); a change begins watches anew.
+    bases: kind of calibration -> what is in force (its date, the probe's fingerprint); a change restarts watches.
     words: stream -> evidence in words.
     """
 
@@ -73,7 +73,7 @@ class Panel:
                     pass
 
     def _rebase(self, bases: Mapping[str, str]) -> None:
-        """Begin anew what was learned on a calibration that is not in force any more."""
+        """Restart what was learned on a calibration that is no longer in force."""
         changed = {kind for kind, made in bases.items() if self._bases.get(kind, made) != made}
         changed |= set(self._bases) - set(bases)
         self._bases = dict(bases)
@@ -82,7 +82,7 @@ class Panel:
                 self.watches[name].restart()
 
     def restart(self, name: str) -> None:
-        """Begin one watch anew: what it found was mended."""
+        """Restart one watch: what it found was mended."""
         self.watches[name].restart()
 
     def findings(self) -> dict[str, Finding]:
@@ -94,7 +94,7 @@ class Panel:
         return {"bases": dict(self._bases), "watches": {name: watch.to_dict() for name, watch in self.watches.items()}}
 
     def restore(self, stored: Mapping[str, Any]) -> list[str]:
-        """Take over what `to_dict` wrote; return the names of watches that begin anew because theirs is damaged.
+        """Take over what `to_dict` wrote; return the names of watches that restart because theirs is damaged.
 
         A watch whose windows were changed in the configuration keeps what it learned.
         """

@@ -1,4 +1,4 @@
-"""Test of a share: do more of the touches need a correction than is usual here? The same for errors on a bus.
+"""Proportion test: whether more of the touches need a correction, or more requests fail, than is usual here.
 
 Events are counted in blocks of trials. At each full block the last few blocks (several lengths, so that a jump is found
 soon and a creep at all) are compared with everything counted before them. If nothing changed, the events fall into
@@ -120,7 +120,7 @@ class Share:
         self.restart()
 
     def restart(self) -> None:
-        """Forget everything and learn anew."""
+        """Forget everything and learn again."""
         self.finding: Finding | None = None
         self._events = self._trials = 0
         self._usual = Usual()

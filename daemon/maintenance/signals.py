@@ -1,4 +1,4 @@
-"""From what happened to numbers: a finished correction, the devices' own words, the calibrations on disk. Pure."""
+"""Signals of jobs and devices: numbers from a finished correction and from the drives' own words. Pure."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ class Counters:
         self._seen: dict[str, tuple[int, int]] = {}
 
     def since(self, name: str, events: int, trials: int) -> list[float]:
-        """Return [events, trials] since the last call; all of them if it was opened anew meanwhile."""
+        """Return [events, trials] since the last call; all of them if it was opened again meanwhile."""
         before = self._seen.get(name, (0, 0))
         if events < before[0] or trials < before[1]:
             before = (0, 0)

@@ -1,4 +1,4 @@
-"""What goes into a watch and what comes out of it."""
+"""Points and findings: what goes into a watch and what comes out of it."""
 
 from __future__ import annotations
 

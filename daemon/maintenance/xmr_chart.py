@@ -1,4 +1,4 @@
-"""XmR chart: whether a number is still what it usually is on this station.
+"""XmR control chart: whether a number is still what it usually is on this station.
 
 Each `batch` numbers become one point, their median: a few numbers that are quite wrong (a glint, the edge of something
 else) do not count. From the first `baseline` numbers is learned what is usual; twice and four times as many refine it,
@@ -141,7 +141,7 @@ class Chart:
         self.restart()
 
     def restart(self) -> None:
-        """Forget everything and learn anew: after a calibration, or when something was mended."""
+        """Forget everything and learn again: after a calibration, or when something was mended."""
         self.finding: Finding | None = None
         self.limits: ControlLimits | None = None
         self._learning: list[float] = []

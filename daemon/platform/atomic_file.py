@@ -1,28 +1,59 @@
-"""Files that are either whole or not there."""
+"""Atomic files: either whole or not there."""
 
 from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 
 def replace_whole(path: Path, write: Callable[[Path], object]) -> None:
-    """Write beside, flush to disk, then take the place of `path`: a torn file is never read."""
-    path.parent.mkdir(parents=True, exist_ok=True)
+    """Let `write` fill a new file, then put it in the place of `path`, flushed to disk.
+
+    Folders that are missing are made. Raises what `write` raises and OSError; `path` is then as it was, unless the
+    folder alone could not be flushed.
+    """
+    with written_beside(path, write) as beside:
+        beside.replace(path)
+        flush_folder(path.parent)
+
+
+@contextmanager
+def written_beside(path: Path, write: Callable[[Path], object]) -> Iterator[Path]:
+    """Give a new file in the folder of `path`, filled by `write` and flushed to disk, for the block to move.
+
+    What the block has not moved is removed at its end.
+    """
+    make_folder(path.parent)
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=".new-", suffix=path.suffix)
-    os.close(handle)
     beside = Path(name)
     try:
+        os.close(handle)
         write(beside)
         with beside.open("rb") as file:
             os.fsync(file.fileno())
-        beside.replace(path)
-        folder = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
+        yield beside
     finally:
-        beside.unlink(missing_ok=True)
+        # A leftover takes a little room; that it stays must not hide how the writing ended.
+        with suppress(OSError):
+            beside.unlink(missing_ok=True)
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder and those above it, each one's name flushed to disk; one that is there is left as it is."""
+    if folder.is_dir():
+        return
+    make_folder(folder.parent)
+    folder.mkdir(exist_ok=True)
+    flush_folder(folder.parent)
+
+
+def flush_folder(folder: Path) -> None:
+    """Flush a folder's names to disk: a file that was put there is found there after a power cut, too."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

@@ -1,4 +1,4 @@
-"""One daemon to a station: a lock on its data folder, held while it runs and let go of by the system if it dies.
+"""Instance lock: one daemon to a station, by a lock on its data folder that the system releases if it dies.
 
 Without it a second daemon would take over local sockets without a word, and call the first one's job interrupted.
 """

@@ -2,7 +2,7 @@
 
 Under systemd (`JOURNAL_STREAM` names the very stream that is written to) each line begins with its priority, `<3>` for
 an error, so that `journalctl -p err` works and the journal's own time is the only one. Job id and op are bound by
-whoever runs a job and stand on every line of it, whichever task or worker thread says it. What other libraries log
+the job runner and stand on every line of it, whichever task or worker thread says it. What other libraries log
 goes the same way. Nothing secret is written: values under a secret's name are replaced.
 """
 

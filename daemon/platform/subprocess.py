@@ -1,4 +1,4 @@
-"""Draw a page in a process of its own: what it needs of memory does not stay with who wants it."""
+"""Subprocess that draws a page: the memory it needs is gone with it."""
 
 from __future__ import annotations
 

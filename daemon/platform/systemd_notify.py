@@ -1,4 +1,4 @@
-"""Tell the service manager how the daemon is: systemd's notification protocol, by hand (man 3 sd_notify).
+"""Notifications to the service manager: systemd's protocol, by hand (man 3 sd_notify).
 
 One datagram of `KEY=value` lines to the socket that `NOTIFY_SOCKET` names. Without that variable, on a terminal or in a
 test, everything here is silent. Nothing here raises and nothing blocks for longer than a moment: a service manager that
@@ -60,7 +60,7 @@ class Notifier:
             self._status = line
 
     def reloading(self) -> None:
-        """Say that the configuration is being read anew; `ready` ends it."""
+        """Say that the configuration is being read again; `ready` ends it."""
         now_us = time.clock_gettime_ns(time.CLOCK_MONOTONIC) // 1000
         self._send("RELOADING=1", f"MONOTONIC_USEC={now_us}", wait_s=SEND_WITHIN_S)
 

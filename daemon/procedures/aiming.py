@@ -1,4 +1,4 @@
-"""Aiming by one look: where the target is from the tip, in um, or why that cannot be said."""
+"""Aiming: from one look to where the target is from the tip, um, or why that cannot be said."""
 
 from __future__ import annotations
 

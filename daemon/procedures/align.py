@@ -1,4 +1,4 @@
-"""Alignment of the board: look at its fiducials and fit CAD to what was seen (three points align the board)."""
+"""Board alignment: look at the fiducials and fit CAD to what was seen (three points align the board)."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.states import Event
 from daemon.jobs.context import JobContext, Outcome, StationContext
 from daemon.procedures.aiming import UNCLEAR, Aim, look_and_aim
-from daemon.procedures.calibrate.commit import Began, keep
+from daemon.procedures.calibrate.commit import Began, keep, tell_old
 from daemon.procedures.correct import sidestep_um
 from daemon.procedures.move_sequence import MoveSequence, shifted
-from daemon.storage.calibration_records import Aligned, AlignmentRecord
+from daemon.storage.calibration_records import Aligned, AlignmentLimits, AlignmentRecord
 from daemon.wire.operations.jobs import Align
 from drivers.gantry import Position
 from vision.geometry import Alignment, Array, PoseMap
@@ -32,6 +32,7 @@ SCATTER_UM = 6.0
 
 async def align(job: JobContext, context: StationContext, request: Align) -> Outcome:
     """Look at the fiducials from the head angles asked for and keep the board's pose; else the old one stays."""
+    tell_old(job, context, "alignment")
     points = _fiducials(request, context)
     context.calibrations.require_probe()
     pose_map = context.require_map()
@@ -49,7 +50,7 @@ async def align(job: JobContext, context: StationContext, request: Align) -> Out
         views[point.name].append(await _place_um(sequence, point, place, pose_map))
     fitted = _fit(points, views, context)
     record = _record(fitted, points, views, context, began.facts(job, context))
-    kept = await keep(context, record)
+    kept = await keep(job, context, record)
     return Outcome("aligned", detail=_told(record, context) | kept)
 
 
@@ -153,6 +154,7 @@ def _record(
             )
             for p, at, r in zip(points, seen, fitted.residuals_um, strict=True)
         ),
+        limits=AlignmentLimits(residual_um=MAX_RESIDUAL_UM, scale_error=MAX_SCALE_ERROR, turn_deg=MAX_TURN_DEG),
     )
 
 

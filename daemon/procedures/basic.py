@@ -1,4 +1,4 @@
-"""Procedures of the smaller jobs: home, place, look. They walk the same states as a correction."""
+"""Basic procedures: home, place, look. They walk the same states as a correction."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Correction of a missed touch: look, move, look again until the tip is on the pad (thesis figure 5.2; PBVS)."""
+"""Correction: look, move, look again, until the tip is on the pad (thesis figure 5.2; PBVS look-and-move)."""
 
 from __future__ import annotations
 

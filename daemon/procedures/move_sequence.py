@@ -1,4 +1,4 @@
-"""Sequence of a job's moves: every move, with what is looked at after it, is one round of move and verify."""
+"""Move sequence of a job: every move with the look after it is one round of move and verify."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Height of a surface by touch: press the sprung pin onto it, and see in the image how far the pin was pushed in.
+"""Surface touch: press the sprung pin onto a surface, and see in the image how far the pin was pushed in.
 
 The thesis tests the plane of the base plate by whether the tip repeats at the same pixel (6.2, end). Between two
 stops of X and Y camera and needle flex by as much as the surface differs, so here every place is its own reference:

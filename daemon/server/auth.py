@@ -1,4 +1,4 @@
-"""Who stands at the door: CURVE with an allow-list, or nobody where only this computer can come in.
+"""Authentication of clients: CURVE with an allow-list, or none where only this computer can connect.
 
 CURVE proves which key a connection has; which role the key has, and whether it still has one, is looked up with every
 message, so that a key taken back is refused at once, also on a connection that is open.

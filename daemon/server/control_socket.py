@@ -1,4 +1,4 @@
-"""The control socket: one JSON frame in, one JSON frame out, for REQ and DEALER clients alike.
+"""Control socket: one JSON frame in, one JSON frame out, for REQ and DEALER clients alike.
 
 Whatever arrives gets an answer that says what was wrong with it; nothing that arrives can stop the loop. What can be
 answered without waiting is answered on the spot; the rest is a task each, so a client that waits holds up nobody.
@@ -70,7 +70,7 @@ class ControlSocket:
         self._held: Counter[str] = Counter()
 
     async def serve(self) -> None:
-        """Answer for ever; cancelling drops held replies."""
+        """Answer until cancelled; cancelling drops held replies."""
         loop = asyncio.get_running_loop()
         descriptor = self._socket.FD
         self._broken = loop.create_future()

@@ -1,4 +1,4 @@
-"""The event socket: everything that happens, numbered, to whoever listens."""
+"""Event publisher: everything that happens, numbered, on a PUB socket."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ log = structlog.get_logger(__name__)
 
 
 def bind(socket: zmq.Socket[Any], endpoint: str) -> None:
-    """Bind, or close the socket before the error goes on: a context waits for open sockets for ever."""
+    """Bind, or close the socket before the error goes on: a context waits for open sockets without end."""
     try:
         socket.bind(endpoint)
     except zmq.ZMQError:

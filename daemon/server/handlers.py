@@ -97,7 +97,7 @@ class Handlers:
         """Return the reply to what needs no waiting, else None."""
         return self._immediate(request, caller) if isinstance(request, ImmediateRequest) else None
 
-    async def handle(self, request: AnyRequest, caller: Caller) -> Reply:
+    async def handle(self, request: AnyRequest, caller: Caller) -> Reply:  # noqa: C901, PLR0912  # a case each
         """Return the reply, or raise `Fault`."""
         if OPERATIONS.row(request.op).deadline is DefaultDeadline.SHORT:
             due_at_s(request.deadline_ms, SHORT_S)
@@ -142,7 +142,7 @@ class Handlers:
         return JobReply(id=request.id, result=await asyncio.shield(done))
 
     def _status(self) -> StatusReply:
-        runner, latch, calibrations = self._with.runner, self._with.latch, self._with.calibrations
+        runner, latch, calibrations = self._with.runner, self._with.latch, self._with.calibrations.in_force
         running, fault = runner.running, latch.fault
         return StatusReply(
             station=self._with.settings.config.station.name,
@@ -156,7 +156,7 @@ class Handlers:
                 map_made_at=calibrations.mapped_at,
                 made_at=calibrations.made_at(),
                 aligned=calibrations.alignment(self._with.settings.board) is not None,
-                not_used=calibrations.problems,
+                not_used=dict(calibrations.problems),
             ),
             pictures=self._with.images.full or "kept",
         )

@@ -1,4 +1,4 @@
-"""The keys a running daemon works with; whom it lets in is looked up anew whenever the allow-list changes."""
+"""Keyring of the running daemon; read again whenever the allow-list changes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How much one client may ask: a bucket of tokens each, filled steadily, emptied by requests."""
+"""Rate limit of each client: a bucket of tokens, filled steadily, emptied by requests."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Callable
 from daemon.domain.errors import Fault, FaultCode
 
 BUCKETS = 1024
-"""So many clients are remembered; of more, those that have been quiet longest begin anew."""
+"""So many clients are remembered; of more, those that have been quiet longest start with a full bucket."""
 
 
 class RateLimit:
@@ -18,6 +18,11 @@ class RateLimit:
     def __init__(self, per_s: float, burst: float, now_s: Callable[[], float] = time.monotonic) -> None:
         self._per_s, self._burst, self._now_s = per_s, burst, now_s
         self._buckets: dict[str, tuple[float, float]] = {}
+
+    @property
+    def remembered(self) -> int:
+        """How many clients are remembered; `BUCKETS` at most."""
+        return len(self._buckets)
 
     def spend(self, client: str) -> None:
         """Take one token; raise `Fault` with `retry_after_ms` if there is none."""

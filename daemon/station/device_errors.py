@@ -1,4 +1,4 @@
-"""Translation of driver errors into the faults of the wire, and what the fault's detail holds.
+"""Faults that stand for the drivers' errors, most specific first.
 
 `detail` has `device`, what the driver calls it, and of these what is known of the error:
 

@@ -1,4 +1,4 @@
-"""Open the devices that the configuration names, and look after them as one."""
+"""Devices of a station: opened by the configuration, closed as one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kinematics of the station: the tip on the head, the board in the robot, the surface below, as far as is known.
+"""Kinematics: where the tip on the head, the board in the robot and the surface below are, as far as is known.
 
 What has been calibrated replaces what the configuration guesses, the moment it is stored.
 """

@@ -1,4 +1,4 @@
-"""Leave the machine so that somebody may open the hood: nothing moves, the needle is up, the lamps are off.
+"""Safe shutdown: the machine is left so that somebody may open the hood; still, needle up, lamps off.
 
 All of it is bounded in time and gives up where the drives do not answer: a stop must not hang on a lost bus.
 """

@@ -1,4 +1,4 @@
-"""Gantry, lights and camera as one station: `look()` and `go()`.
+"""Station: gantry, lights and camera as one thing that looks and moves.
 
 A look takes two frames of one resting scene: white for the tip, red for the pads (thesis 5.3, 5.4). A frame counts
 only if its exposure began after the light, and the head before it, had settled. While red settles, the tip is already

@@ -1,7 +1,10 @@
-"""What a calibration leaves behind: one JSON file with its date, its station, all that was measured and what followed.
+"""Calibration records: one JSON file each, with date, station, all that was measured and what followed from it.
 
-Every kind keeps the raw measurements beside the fitted numbers, so that a page can be drawn from the file alone and
-the fit can be repeated years later. Lengths um, angles degrees, px as the names say.
+Every kind keeps the raw measurements beside the fitted numbers, and the limits that judged them, so that a page can be
+drawn from the file alone and the fit can be repeated years later. Lengths um, angles degrees, px as the names say.
+
+The files are a format: fields may be added with a default, for older files lack them; none may change its meaning. The
+defaults of the limits are what judged the records that do not say.
 """
 
 from __future__ import annotations
@@ -44,6 +47,15 @@ class Made(_Part):
     looks: int
 
 
+class MapLimits(_Part):
+    """What a map had to keep to."""
+
+    residual_um: float = 15.0
+    """Largest rms that the fit may leave at its sightings."""
+    left_share: float = 0.5
+    """A map that leaves this share of an error, or more, was refused."""
+
+
 class MapRecord(Made):
     """The map from image to robot."""
 
@@ -54,6 +66,7 @@ class MapRecord(Made):
     sightings: tuple[SeenTarget, ...]
     pose_map: dict[str, Any]
     """`PoseMap.to_json`, decoded."""
+    limits: MapLimits = MapLimits()
 
 
 class Stop(_Part):
@@ -81,6 +94,17 @@ class Circle(_Part):
     centre_um: Pair
     radius_um: float
     rms_um: float
+
+
+class RotationLimits(_Part):
+    """What a rotation had to keep to."""
+
+    holdout_um: float = 60.0
+    """Largest rms by which angles left out of the fit may be predicted."""
+    landing_um: float = 200.0
+    """Farthest landing by the new model."""
+    closure_um: float = 40.0
+    """Farthest that the first angle may be from its first stop at the end."""
 
 
 class RotationRecord(Made):
@@ -112,6 +136,7 @@ class RotationRecord(Made):
     after: tuple[TrialLanding, ...]
     """Landings by the new model at angles that were not fitted, looked at afterwards."""
     sightings: tuple[SeenTarget, ...]
+    limits: RotationLimits = RotationLimits()
 
 
 class Touch(_Part):
@@ -123,7 +148,7 @@ class Touch(_Part):
 
 
 class SurfaceRecord(Made):
-    """The plane below the needle."""
+    """The plane below the probe."""
 
     what: Literal["surface"] = "surface"
     touches: tuple[Touch, ...]
@@ -133,7 +158,10 @@ class SurfaceRecord(Made):
     flatness_um: float
     rms_um: float
     limit_um: float
+    """By how much the touches may differ in height for the surface to count as planar."""
     planar: bool
+    max_rms_um: float = 25.0
+    """Largest rms that the plane may leave; beyond it there was no plane."""
 
 
 class AxisBacklash(_Part):
@@ -165,6 +193,17 @@ class Aligned(_Part):
     views: int
 
 
+class AlignmentLimits(_Part):
+    """What an alignment had to keep to."""
+
+    residual_um: float = 60.0
+    """Largest distance of one fiducial from where the fit puts it."""
+    scale_error: float = 0.002
+    """Largest difference of the scale from 1."""
+    turn_deg: float = 3.0
+    """Largest turn against the configuration."""
+
+
 class AlignmentRecord(Made):
     """Where the board lies."""
 
@@ -177,6 +216,7 @@ class AlignmentRecord(Made):
     ty_um: float
     rms_um: float
     fiducials: tuple[Aligned, ...]
+    limits: AlignmentLimits = AlignmentLimits()
 
 
 Record = MapRecord | RotationRecord | SurfaceRecord | BacklashRecord | AlignmentRecord
@@ -184,10 +224,15 @@ _RECORDS: TypeAdapter[Record] = TypeAdapter(Annotated[Record, Field(discriminato
 
 
 def read_record(path: Path) -> Record:
-    """Read a record; anything else is a ValueError that says to calibrate again."""
+    """Read a record; ValueError that names the file if it holds none, OSError if it cannot be read."""
+    return parse_record(path.read_bytes(), path.name)
+
+
+def parse_record(text: str | bytes, name: str) -> Record:
+    """Return the record that the content of a file is; anything else is a ValueError that gives the file's name."""
     try:
-        return _RECORDS.validate_json(path.read_bytes())
+        return _RECORDS.validate_json(text)
     except ValidationError as exc:
         first = exc.errors()[0]
         where = ".".join(str(p) for p in first["loc"]) or "(file)"
-        raise ValueError(f"{path.name} is no calibration of this program ({where}: {first['msg']})") from exc
+        raise ValueError(f"{name} is no calibration of this program ({where}: {first['msg']})") from exc

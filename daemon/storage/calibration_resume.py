@@ -1,4 +1,4 @@
-"""What an interrupted rotational calibration has measured so far, on disk, so that it can go on."""
+"""Resume file of an interrupted rotational calibration: what it has measured so far."""
 
 from __future__ import annotations
 
@@ -7,14 +7,15 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from daemon.platform.atomic_file import replace_whole
-from daemon.storage.calibration_records import Pair, SeenTarget, Stop
+from daemon.storage.calibration_in_force import record_file
+from daemon.storage.calibration_records import Pair, RotationRecord, SeenTarget, Stop, read_record
 
 _FILE = "rotation.partial.json"
 _RUN = {"station", "probe", "map_made_at", "control_um", "angles"}
 
 
 class Partial(BaseModel):
-    """A run under way: what it stands on, what it is to measure, and what it has."""
+    """A run under way: what it depends on, what it is to measure, and what it has measured."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -28,23 +29,35 @@ class Partial(BaseModel):
     sightings: tuple[SeenTarget, ...]
 
     def same_run(self, other: Partial) -> bool:
-        """Tell whether both stand on the same station, probe, map, control point and angles."""
+        """Tell whether both are of the same station, probe, map, control point and angles."""
         return self.model_dump(include=_RUN) == other.model_dump(include=_RUN)
 
     def write(self, folder: Path) -> None:
-        """Keep it, whole or not at all."""
+        """Keep it, whole or not at all; OSError if it cannot be written."""
         text = self.model_dump_json()
         replace_whole(folder / _FILE, lambda path: path.write_text(text))
 
     @classmethod
     def read(cls, folder: Path) -> Partial | None:
-        """Return what is there; a file that cannot be used means to begin anew."""
+        """Return what an interrupted run left; None if there is nothing usable, or the run came to its end.
+
+        A run whose stops are those of the present rotation is over, even if its file could not be removed.
+        """
         try:
-            return cls.model_validate_json((folder / _FILE).read_bytes())
+            left = cls.model_validate_json((folder / _FILE).read_bytes())
         except (OSError, ValidationError):
             return None
+        return None if left.is_over(folder) else left
+
+    def is_over(self, folder: Path) -> bool:
+        """Tell whether the present rotation is the end of this run."""
+        try:
+            present = read_record(record_file(folder, "rotation"))
+        except (OSError, ValueError):
+            return False
+        return isinstance(present, RotationRecord) and bool(self.stops) and present.stops == self.stops
 
     @staticmethod
     def forget(folder: Path) -> None:
-        """Drop it: the run came to its end."""
+        """Drop it: the run came to its end. OSError if it cannot be removed."""
         (folder / _FILE).unlink(missing_ok=True)

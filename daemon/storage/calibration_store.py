@@ -1,191 +1,217 @@
-"""What the station has learned: probe, map, head, surface, alignment; in files, replaced whole or not at all.
+"""Calibration store: probe, map, head, surface, alignment; in files, replaced whole or not at all.
 
-Each kind is one record (`daemon.calibration.records`) beside the probe's model; what it replaces goes to `history/`.
-A record made on another station or with another probe is not used. What cannot be read is not used either, and
-whoever needs it is told why.
+A calibration is in force only when it is on disk. The new file is written beside and flushed, the old one gets a second
+name in `history/`, and one rename makes the new one the present one; only then does memory change, by one assignment.
+So a reader, a kill or a full disk between any two steps finds the old calibration or the new one, whole.
 """
 
 from __future__ import annotations
 
-import hashlib
-import json
-import re
+import threading
+import zipfile
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Final
+from uuid import uuid4
 
 import structlog
 
 from daemon.domain.board import Board
 from daemon.domain.errors import Fault, FaultCode
-from daemon.platform.atomic_file import replace_whole
+from daemon.platform.atomic_file import flush_folder, written_beside
 from daemon.platform.clock import utc_now
-from daemon.storage.calibration_records import (
-    AlignmentRecord,
-    MapRecord,
-    Record,
-    RotationRecord,
-    SurfaceRecord,
-    read_record,
+from daemon.storage.calibration_history import History, Kept
+from daemon.storage.calibration_in_force import (
+    OF_THE_PROBE,
+    InForce,
+    probe_file,
+    read_in_force,
+    read_probe,
+    record_file,
+    with_file,
 )
+from daemon.storage.calibration_records import AlignmentRecord, Record, parse_record
+from daemon.storage.calibration_resume import Partial
 from vision import ProbeModel
 from vision.geometry import PoseMap, Surface
-from vision.head import Head, head_from_dict
+from vision.head import Head
 
-KINDS: Final = ("map", "rotation", "surface", "backlash", "alignment")
-OF_THE_PROBE: Final = ("map", "rotation", "surface")
-"""What a new needle makes void: its end lies elsewhere and at another height."""
-HISTORY_KEPT = 50
 log = structlog.get_logger(__name__)
 
 
 class Calibrations:
-    """Hold what is calibrated at present; read once at start, written when a calibration succeeds."""
+    """Hold what is calibrated at present; read once at start, written when a calibration succeeds.
+
+    `in_force` is assigned whole and never changed, so every thread may read it. `load`, `store` and `store_probe` block
+    on the disk: they are for a worker thread.
+    """
 
     def __init__(self, folder: Path, station: str) -> None:
         self.folder = folder
-        self._station = station
-        self.probe: ProbeModel | None = None
-        self.fingerprint = ""
-        """Of the taught probe; records made with another one are not used."""
-        self.pose_map: PoseMap | None = None
-        self.head: Head | None = None
-        self.surface: Surface | None = None
-        self.records: dict[str, Record] = {}
-        self.problems: dict[str, str] = {}
-        """Kind -> why its file is not used."""
-
-    @property
-    def _probe_file(self) -> Path:
-        return self.folder / "probe.npz"
+        self.in_force = InForce(station)
+        self._history = History(folder / "history")
+        self._writing = threading.Lock()
 
     def file(self, what: str) -> Path:
         """Return where the present record of a kind is kept."""
-        return self.folder / f"{what}.json"
+        return record_file(self.folder, what)
+
+    # --- reading and writing ------------------------------------------------------------------------------------
+
+    def load(self) -> None:
+        """Read what is there. A missing file is simply not calibrated yet; of an unusable one it is said why."""
+        with self._writing:
+            self.in_force = read_in_force(self.folder, self.in_force.station)
+
+    def store(self, record: Record) -> Path | None:
+        """Put a record on disk and in force; return where the one it replaces is kept, if there was one.
+
+        Raises ValueError if the record could not be used afterwards, OSError if it cannot be written; what was in force
+        then stays so, on disk and in memory.
+        """
+        file, text = self.file(record.what), record.model_dump_json(indent=1)
+        with self._writing:
+            # What a later start will read is judged and taken, not what was meant to be written.
+            new = self.in_force.with_record(parse_record(text, file.name))
+            with written_beside(file, lambda path: path.write_text(text, encoding="utf-8")) as beside:
+                (kept,) = self._replace(file, beside, [file])
+            self.in_force = new
+            self._history.prune(record.what)
+            if record.what == "rotation":
+                self._end_run()
+            return kept.path if kept else None
+
+    def store_probe(self, model: ProbeModel) -> None:
+        """Put a taught probe on disk and in force; what was calibrated with another one is void, and in the history.
+
+        The probe's own file decides: from its rename on, records that bear another fingerprint are not used, whether
+        they could be removed or not. Raises ValueError and OSError as `store` does.
+        """
+        file, void = probe_file(self.folder), [self.file(what) for what in OF_THE_PROBE]
+        with self._writing:
+            with written_beside(file, lambda path: _write_probe(model, path)) as beside:
+                new = self.in_force.with_probe(*read_probe(beside))
+                self._replace(file, beside, void)
+            for what in OF_THE_PROBE:
+                self._remove_void(self.file(what))
+                new = with_file(new, self.folder, what)
+                self._history.prune(what)
+            self.in_force = new
+
+    def _replace(self, file: Path, beside: Path, old: Sequence[Path]) -> list[Kept | None]:
+        """Keep the `old` files in the history, then put `beside` in the place of `file`; all of it or nothing."""
+        kept: list[Kept | None] = []
+        try:
+            for one in old:
+                kept.append(self._history.add(one))  # noqa: PERF401  # what was added before a failure is taken back
+            beside.replace(file)
+        except OSError:
+            for added in filter(None, kept):
+                self._history.take_back(added)
+            raise
+        try:
+            flush_folder(self.folder)
+        except OSError as exc:
+            # Every reader sees the new file from here on; after a power cut it may be the old one, as whole.
+            log.error("calibration_not_flushed", file=str(file), why=str(exc))
+        return kept
+
+    def _remove_void(self, file: Path) -> None:
+        """Remove a record of another probe; if it cannot be removed it is still not used."""
+        try:
+            file.unlink(missing_ok=True)
+        except OSError as exc:
+            log.warning("void_calibration_not_removed", file=str(file), why=str(exc))
+
+    def _end_run(self) -> None:
+        """Forget what the run measured; if that cannot be removed, `Partial.read` knows it for over."""
+        try:
+            Partial.forget(self.folder)
+        except OSError as exc:
+            log.warning("run_not_forgotten", why=str(exc))
+
+    # --- asking -----------------------------------------------------------------------------------------------
+
+    @property
+    def probe(self) -> ProbeModel | None:
+        """The taught probe."""
+        return self.in_force.probe
+
+    @property
+    def fingerprint(self) -> str:
+        """Of the taught probe; records made with another one are not used."""
+        return self.in_force.fingerprint
+
+    @property
+    def pose_map(self) -> PoseMap | None:
+        """The map from image to robot."""
+        return self.in_force.pose_map
+
+    @property
+    def head(self) -> Head | None:
+        """The model of the head's rotation."""
+        return self.in_force.head
+
+    @property
+    def surface(self) -> Surface | None:
+        """The plane below the probe."""
+        return self.in_force.surface
+
+    @property
+    def records(self) -> Mapping[str, Record]:
+        """Kind -> record in force."""
+        return self.in_force.records
+
+    @property
+    def problems(self) -> dict[str, str]:
+        """Kind -> why its file is not used."""
+        return dict(self.in_force.problems)
 
     @property
     def mapped_at(self) -> str | None:
         """When the map was made."""
-        return self.records["map"].made_at if "map" in self.records else None
+        return self.in_force.mapped_at
 
     def made_at(self) -> dict[str, str]:
         """Return kind -> when it was made, for what is in force."""
-        return {what: record.made_at for what, record in self.records.items()}
-
-    # --- reading ----------------------------------------------------------------------------------------------
-
-    def load(self) -> None:
-        """Read what is there. A missing file is simply not calibrated yet; an unusable one is remembered with why."""
-        self.problems = {}
-        try:
-            if self._probe_file.exists():
-                self._take_probe(ProbeModel.load(self._probe_file))
-        except (ValueError, OSError) as exc:
-            self._skip("probe", exc)
-        for what in KINDS:
-            try:
-                if self.file(what).exists():
-                    self._take(self._fitting(read_record(self.file(what))))
-            except (ValueError, OSError) as exc:
-                self._skip(what, exc)
-
-    def _fitting(self, record: Record) -> Record:
-        """Return the record if it belongs to this station and its present probe; else raise ValueError."""
-        if record.station != self._station:
-            raise ValueError(f"it was made on station {record.station!r}, this is {self._station!r}")
-        if record.what in OF_THE_PROBE and record.probe != self.fingerprint:
-            raise ValueError("it was made with another probe")
-        return record
-
-    def _skip(self, what: str, why: Exception) -> None:
-        self.problems[what] = str(why)
-        log.warning("calibration_not_used", what=what, why=str(why))
-
-    def _take_probe(self, model: ProbeModel) -> None:
-        self.probe = model
-        self.fingerprint = hashlib.sha256(self._probe_file.read_bytes()).hexdigest()[:16]
-
-    def _take(self, record: Record) -> None:
-        """Put a record in force; raise ValueError if what it carries is damaged."""
-        match record:
-            case MapRecord():
-                self.pose_map = PoseMap.from_json(json.dumps(record.pose_map))
-            case RotationRecord():
-                self.head = head_from_dict(record.head)
-            case SurfaceRecord():
-                self.surface = Surface.from_dict(record.surface)
-            case _:
-                pass
-        self.records[record.what] = record
-        self.problems.pop(record.what, None)
-
-    # --- writing ----------------------------------------------------------------------------------------------
-
-    def store_probe(self, model: ProbeModel) -> None:
-        """Keep a taught probe; what was calibrated with another one no longer holds and goes to the history."""
-        replace_whole(self._probe_file, model.save)
-        self._take_probe(model)
-        self.problems.pop("probe", None)
-        for what in OF_THE_PROBE:
-            self._retire(what)
-            self.records.pop(what, None)
-            self.problems.pop(what, None)
-        self.pose_map = self.head = self.surface = None
-
-    def store(self, record: Record) -> Path | None:
-        """Put a record in force and on disk; return where the one it replaces is kept, if there was one."""
-        self._take(record)
-        before = self._retire(record.what)
-        text = record.model_dump_json(indent=1)
-        replace_whole(self.file(record.what), lambda path: path.write_text(text))
-        return before
-
-    def _retire(self, what: str) -> Path | None:
-        """Move the present file of a kind to the history; return its new place."""
-        present = self.file(what)
-        if not present.exists():
-            return None
-        history = self.folder / "history"
-        history.mkdir(parents=True, exist_ok=True)
-        kept = history / f"{what}-{stamp(utc_now())}.json"
-        present.replace(kept)
-        for old in sorted(history.glob(f"{what}-*.json"))[:-HISTORY_KEPT]:
-            old.unlink(missing_ok=True)
-        return kept
-
-    # --- asking -----------------------------------------------------------------------------------------------
-
-    def require_probe(self) -> ProbeModel:
-        """Return the taught probe or say that there is none."""
-        if self.probe is None:
-            raise self._missing("probe", "the probe's tip has not been taught")
-        return self.probe
-
-    def require_map(self, max_age_days: float, work_z_um: float) -> PoseMap:
-        """Return the pose map if it is there, young enough and made at this working height."""
-        if self.pose_map is None or self.mapped_at is None:
-            raise self._missing("map", "the map from image to robot has not been calibrated")
-        age = datetime.now(UTC) - datetime.fromisoformat(self.mapped_at)
-        if age.total_seconds() > max_age_days * 86400:
-            raise Fault(FaultCode.NOT_CALIBRATED, f"the map is {age.days} days old", made_at=self.mapped_at)
-        if abs(self.pose_map.work_z_um - work_z_um) > 1.0:
-            raise Fault(
-                FaultCode.NOT_CALIBRATED, "the map was made at another working height", was=self.pose_map.work_z_um
-            )
-        return self.pose_map
+        return self.in_force.made_at()
 
     def alignment(self, board: Board) -> AlignmentRecord | None:
         """Return where the board was seen to lie, if it is this board."""
-        record = self.records.get("alignment")
-        if isinstance(record, AlignmentRecord) and (record.board, record.side) == (board.name, board.side):
-            return record
-        return None
+        return self.in_force.alignment(board)
 
-    def _missing(self, what: str, fact: str) -> Fault:
-        why = self.problems.get(what)
-        return Fault(FaultCode.NOT_CALIBRATED, f"{fact}: {why}" if why else fact)
+    def require_probe(self) -> ProbeModel:
+        """Return the taught probe or say that there is none."""
+        now = self.in_force
+        if now.probe is None:
+            raise _missing(now, "probe", "the probe's tip has not been taught")
+        return now.probe
+
+    def require_map(self, max_age_days: float, work_z_um: float) -> PoseMap:
+        """Return the pose map if it is there, young enough and made at this working height."""
+        now = self.in_force
+        if now.pose_map is None or now.mapped_at is None:
+            raise _missing(now, "map", "the map from image to robot has not been calibrated")
+        age = datetime.now(UTC) - datetime.fromisoformat(now.mapped_at)
+        if age.total_seconds() > max_age_days * 86400:
+            raise Fault(FaultCode.NOT_CALIBRATED, f"the map is {age.days} days old", made_at=now.mapped_at)
+        if abs(now.pose_map.work_z_um - work_z_um) > 1.0:
+            raise Fault(
+                FaultCode.NOT_CALIBRATED, "the map was made at another working height", was=now.pose_map.work_z_um
+            )
+        return now.pose_map
 
 
-def stamp(utc: str) -> str:
-    """Return a moment as part of a file name, sortable."""
-    return re.sub(r"[^0-9T]", "", utc.split("+", maxsplit=1)[0])
+def _missing(now: InForce, what: str, fact: str) -> Fault:
+    why = now.problems.get(what)
+    return Fault(FaultCode.NOT_CALIBRATED, f"{fact}: {why}" if why else fact)
+
+
+def _write_probe(model: ProbeModel, path: Path) -> None:
+    """Write a probe with the moment it was taught, so that no two have one fingerprint.
+
+    What was calibrated before is void even if the same picture is taught twice.
+    """
+    model.save(path)
+    with path.open("r+b") as file, zipfile.ZipFile(file, "a") as archive:
+        archive.writestr("taught.txt", f"{utc_now()} {uuid4().hex}\n")

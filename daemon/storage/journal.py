@@ -1,4 +1,4 @@
-"""The journal: every job, look, move and result in SQLite, written before anything is published.
+"""Journal: every job, look, move and result in SQLite, written before anything is published.
 
 One writer thread owns the connection, so the event loop never waits for the disk and writes keep their order. WAL with
 synchronous=FULL: what was acknowledged survives a power cut. `seq` numbers every published event; numbers are handed

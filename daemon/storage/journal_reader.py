@@ -1,4 +1,4 @@
-"""The journal as a reader sees it: opened read-only, beside a running daemon or without one, in constant memory.
+"""Journal reader: read-only, beside a running daemon or without one, in constant memory.
 
 A read-only connection of SQLite holds up nobody: the daemon goes on writing its WAL. Rows are fetched a page at a time,
 each page a transaction of its own, so that a slow reader does not keep the WAL from being worked off.

@@ -1,4 +1,4 @@
-"""The journal's file: its tables, older versions brought up to date, and what is done with a file that cannot be read.
+"""Journal schema: tables, older versions brought up to date, and what is done with a file that cannot be read.
 
 A file of a newer version is refused: this program would not understand it, and moving it aside would lose it. A file
 that is damaged is moved aside with all that belongs to it, and a new one is begun: a station has to go on.

@@ -1,4 +1,4 @@
-"""Prometheus metrics: what happened is counted when it is published, what is so at present is read when it is scraped.
+"""Prometheus metrics: counted when something is published, read when somebody scrapes.
 
 Names follow Prometheus: base units (seconds, metres, bytes) in the name, `_total` on counters. Every daemon has a
 registry of its own. It is served on loopback by threads of their own, so a slow reader never holds up the event loop;
@@ -127,7 +127,7 @@ class Metrics:
     # --- showing ---------------------------------------------------------------------------------------------
 
     def watch(self, read: Callable[[], Vitals]) -> None:
-        """Read what is so at present by `read`, whenever somebody scrapes."""
+        """Read present numbers by `read`, whenever somebody scrapes."""
         self.registry.register(_Present(read))
 
     def text(self) -> str:

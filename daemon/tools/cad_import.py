@@ -1,4 +1,4 @@
-"""From a CAD folder (Gerber, Excellon, IPC-D-356) to the board file of one side.
+"""CAD import: from a folder of Gerber, Excellon and IPC-D-356 to the board file of one side.
 
 The copper and mask Gerbers say which round metal the camera can see; the netlist says what it is called and
 whether it may be touched; both must agree before a point is offered. Needs gerbonara, which a station that has its

@@ -1,4 +1,4 @@
-"""Lay out what the service manager needs: units, user, folders, device rules. Twice is the same as once.
+"""Installation for the service manager: units, user, folders, device rules. Twice is the same as once.
 
 Files that are the package's own are brought up to date; what a person edits (`station.toml`, the device rules) is
 written once and never touched again.
@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import importlib.util
 import json
-import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from daemon.config.bench_template import BenchPlaces, BenchWaits, bench_toml
 from daemon.platform.atomic_file import replace_whole
-from daemon.tools.demo.settings import Places, write_settings
 
 PREFIX = Path("/opt/reprobe")
 """Where the units expect the program's virtual environment."""
@@ -114,18 +113,17 @@ def _bench(root: Path) -> Iterator[Placed]:
 
 
 def _bench_station() -> str:
-    """Return the demonstration's configuration with a service's places."""
-    with tempfile.TemporaryDirectory() as draft:
-        text = write_settings(Places(Path(draft), Path("/run/reprobe-sim"))).read_text(encoding="utf-8")
-    for old, new in (
-        ("Written by `reprobe demo`.", "Written by `reprobe install --bench`."),
-        ('name = "demo"', 'name = "bench"'),
-        ('data_dir = "station"', 'data_dir = "/var/lib/reprobe"'),
-        ("ipc:///run/reprobe-sim/control", "tcp://127.0.0.1:5555"),
-        ("ipc:///run/reprobe-sim/events", "tcp://127.0.0.1:5556"),
-    ):
-        text = text.replace(old, new)
-    return text
+    """Return the configuration of a bench with a service's places; its sockets are those of `reprobe-sim.service`."""
+    bench = BenchPlaces(
+        by="reprobe install --bench",
+        name="bench",
+        data_dir="/var/lib/reprobe",
+        line="/run/reprobe-sim/bus",
+        camera="ipc:///run/reprobe-sim/camera",
+        control="tcp://127.0.0.1:5555",
+        events="tcp://127.0.0.1:5556",
+    )
+    return bench_toml(bench, BenchWaits(), "all")
 
 
 def _folder(path: Path, mode: int) -> None:

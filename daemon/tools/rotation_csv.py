@@ -1,4 +1,4 @@
-"""Rotational records as files: a CSV of theta_deg, x_um, y_um, one row per head angle (thesis, appendix D).
+"""Rotational records as CSV: theta_deg, x_um, y_um, one row per head angle (thesis, appendix D).
 
 Anything doubtful is refused with the line it stands in; nothing is repaired, skipped or guessed.
 """

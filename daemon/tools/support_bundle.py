@@ -1,6 +1,6 @@
-"""The support bundle: all that somebody far away needs to understand a station, and nothing secret.
+"""Support bundle: all that somebody far away needs to understand a station, and nothing secret.
 
-Nothing is copied because it lies there. The configuration is written anew from its model, which knows what is secret
+Nothing is copied because it lies there. The configuration is written from its model, which knows what is secret
 and drops what it does not know; records, results and journal go through their readers; of pictures only what is a JPEG
 goes in. Links are never followed. At last every part is searched for the secrets this station is known to have, and a
 part that holds one is left out. `manifest.json` lists what is in and what was left out, with why.

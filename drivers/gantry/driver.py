@@ -85,7 +85,7 @@ class Gantry:
     ) -> Position:
         """Move to an absolute place and give where the drives report to be.
 
-        X, Y and theta come to it from below; those in `from_above` from above, for whoever measures the play.
+        X, Y and theta come to it from below; those in `from_above` from above, to measure backlash.
 
         Raises EnvelopeViolation, NotHomed or EmergencyStop before anything moves, MotionTimeout at the deadline, and
         what the axes raise. Cancellation stops all axes first.

@@ -113,7 +113,7 @@ class Axis:
 
     async def health(self, deadline: Deadline) -> AxisHealth:
         """Collect what the drive says of itself, by FC 43: right whatever the process image holds."""
-        drive = self._drive
+        drive, left_enabled = self._drive, self._left_enabled
         status = AxisStatus(
             statusword=await drive.read(od.STATUSWORD, deadline),
             mode=await drive.read(od.MODE_DISPLAY, deadline),
@@ -122,7 +122,9 @@ class Axis:
         )
         following = await drive.read_if_there(od.FOLLOWING_ERROR, deadline)
         marked = await self._marked(deadline)
-        evidence = await self._evidence(status.statusword, marked, deadline)
+        # A job may have begun or ended between the two looks at the memory: what it switched itself is no trouble
+        still = left_enabled and self._left_enabled
+        evidence = await self._evidence(status.statusword, deadline, marked=marked, left_enabled=still)
         return AxisHealth(
             name=self.config.name,
             state=status.state.value if status.state else f"unknown ({status.statusword:04X}h)",
@@ -371,7 +373,8 @@ class Axis:
         """Read what the drive says of itself and give the error it stands for, `otherwise` when it shows none."""
         name = self.config.name
         try:
-            evidence = await self._evidence(statusword, await self._marked(deadline), deadline)
+            marked = await self._marked(deadline)
+            evidence = await self._evidence(statusword, deadline, marked=marked, left_enabled=self._left_enabled)
         except DeviceRefused as exc:
             unread = DriveFault(f"status {statusword:04X}h; its error cannot be read: {exc}", device=name, code=0)
             unread.object, unread.exception = exc.object, exc.exception
@@ -381,12 +384,12 @@ class Axis:
             otherwise = stopped_by_program(name) if self._stopped else not_running
         return diagnose(name, evidence) or otherwise
 
-    async def _evidence(self, statusword: int, marked: bool, deadline: Deadline) -> Evidence:  # noqa: FBT001
+    async def _evidence(self, statusword: int, deadline: Deadline, *, marked: bool, left_enabled: bool) -> Evidence:
         return Evidence(
             statusword=statusword,
             error_code=await self._drive.read(od.ERROR_CODE, deadline),
             error_entry=await self._drive.read_if_there(od.ERROR_STACK_TOP, deadline) or 0,
-            left_enabled=self._left_enabled,
+            left_enabled=left_enabled,
             reference_lost=self._left_homed and not marked,
         )
 

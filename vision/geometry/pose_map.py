@@ -236,7 +236,7 @@ def _fit(sightings: Sequence[MapPoint]) -> HomographyFit:
     if not (np.isfinite(px).all() and np.isfinite(place_um).all() and np.isfinite(theta_deg).all()):
         raise ValueError("a sighting is not finite")
     away = place_um.mean(axis=0) - place_um
-    um = np.array([rotation(-t) @ u for t, u in zip(theta_deg, away, strict=True)]).reshape(-1, 2)
+    um = np.array([rotation(-t) @ u for t, u in zip(theta_deg, away, strict=True)])
     return fit_homography(px, um, angle_groups([float(t) for t in theta_deg]), theta_deg)
 
 

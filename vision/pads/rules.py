@@ -2,7 +2,7 @@
 
 A rule is a small function from an object and what is wanted to TAKE, THROW or PASS. `decide` asks the rules in order
 and ends with the first TAKE or THROW; that verdict and the rule's name stay with the object. An object that every rule
-passes is undecided. There are no scores. This is the verdict on one object alone: `find_test_points` then compares the
+passes is undecided. There are no scores. This is the verdict on one object alone: `comparison` then compares the
 objects, and may leave undecided or throw what a rule took, and throw what was undecided. It never takes.
 To teach the station a new kind of pad, add a function, its name in `RuleName` and its line in `NAMES`; no other rule is
 touched.

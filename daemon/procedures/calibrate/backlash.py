@@ -43,7 +43,7 @@ async def measure_backlash(
     record = BacklashRecord(
         **began.facts(job, context), x=x, y=y, approach_um=context.gantry.approach_um
     )  # fmt: skip
-    kept = await keep(context, record)
+    kept = await keep(job, context, record)
     return Outcome("calibrated", detail=_told(record) | kept)
 
 

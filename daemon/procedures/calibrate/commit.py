@@ -1,12 +1,16 @@
-"""The end of every calibration: its record is put in force and on disk, and its page is drawn."""
+"""Commit of a calibration: its record goes to disk and into force, and its page is drawn.
+
+The answer says which calibration is in force, however the job ends.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import structlog
 
@@ -14,11 +18,14 @@ from daemon.domain.errors import Fault, FaultCode
 from daemon.jobs.context import JobContext, StationContext
 from daemon.platform.clock import utc_now
 from daemon.platform.subprocess import draw
+from daemon.storage.calibration_history import stamp
 from daemon.storage.calibration_records import Record
-from daemon.storage.calibration_store import stamp
+from vision import ProbeModel
 
 PAGE_WITHIN_S = 60.0
 NICER = 10
+_T = TypeVar("_T")
+_R = TypeVar("_R")
 log = structlog.get_logger(__name__)
 
 
@@ -46,17 +53,78 @@ class Began:
         }
 
 
-async def keep(context: StationContext, record: Record) -> dict[str, object]:
-    """Put the record in force and draw its page; return where both are. The page never decides over the record."""
+def tell_old(job: JobContext, context: StationContext, what: str) -> None:
+    """Note in the answer, should the job fail, that what was in force stays so; the first thing a calibration does."""
+    job.partial.detail |= {"what": what} | _in_force(context, what, "old")
+
+
+async def keep(job: JobContext, context: StationContext, record: Record) -> dict[str, object]:
+    """Put the record on disk and in force, and draw its page; return what to answer of both.
+
+    Raises `Fault` if it cannot be kept; the old one then stays. From the moment it is in force the answer says so,
+    whatever cuts the job short; a cancel or the deadline cuts the drawing, and the page never decides over the record.
+    """
+    before = context.calibrations.in_force
     try:
-        previous = await asyncio.to_thread(context.calibrations.store, record)
-    except OSError as exc:
-        advice = "free disk space, then calibrate again"
-        raise Fault(FaultCode.CALIBRATION_FAILED, f"it cannot be kept: {exc}", advice=advice) from exc
+        previous = await on_disk(context.calibrations.store, record)
+    finally:
+        if context.calibrations.in_force is not before:
+            _tell_new(job, context, record.what)
     file = context.calibrations.file(record.what)
     page = context.calibrations.folder / "reports" / f"{record.what}-{stamp(record.made_at)}.html"
     drawn = await _draw(file, previous, page)
-    return {"record": str(file), "report": str(page) if drawn else None, "seconds": record.seconds}
+    paths = {"record": str(file), "report": str(page) if drawn else None, "seconds": record.seconds}
+    return paths | _in_force(context, record.what, "new")
+
+
+async def keep_probe(job: JobContext, context: StationContext, model: ProbeModel) -> dict[str, object]:
+    """Put a taught probe on disk and in force; return what to answer. Raises `Fault` if it cannot be kept."""
+    before = context.calibrations.in_force
+    try:
+        await on_disk(context.calibrations.store_probe, model)
+    finally:
+        if context.calibrations.in_force is not before:
+            _tell_new(job, context, "tip")
+    return _in_force(context, "tip", "new")
+
+
+async def on_disk(write: Callable[[_T], _R], what: _T) -> _R:
+    """Write in a thread and wait for its end even if cancelled meanwhile: only then is it known what is on disk.
+
+    Raises `Fault` if it could not be written, CancelledError if the caller was cancelled, in both cases afterwards.
+    """
+    writing = asyncio.ensure_future(asyncio.to_thread(write, what))
+    cut: asyncio.CancelledError | None = None
+    while not writing.done():
+        try:
+            await asyncio.wait([writing])
+        except asyncio.CancelledError as cancelled:
+            cut = cancelled
+    try:
+        written = writing.result()
+    except (OSError, ValueError) as exc:
+        log.warning("not_kept", why=str(exc))
+        if cut is None:
+            advice = "free disk space, then calibrate again" if isinstance(exc, OSError) else ""
+            raise Fault(FaultCode.CALIBRATION_FAILED, f"it cannot be kept: {exc}", advice=advice) from exc
+    if cut is not None:
+        raise cut
+    return written
+
+
+def _tell_new(job: JobContext, context: StationContext, what: str) -> None:
+    """Note in the answer that this kind is new, beside what was asked for if it is another (a map for a rotation)."""
+    detail, new = job.partial.detail, _in_force(context, what, "new")
+    detail |= new if detail.get("what", what) == what else {what: new}
+
+
+def _in_force(context: StationContext, what: str, which: str) -> dict[str, object]:
+    """Return which calibration of a kind is in force, and when it was made; of a probe, its fingerprint."""
+    now = context.calibrations.in_force
+    if what == "tip":
+        return {"in_force": which if now.probe else "none", "probe": now.fingerprint or None}
+    record = now.records.get(what)
+    return {"in_force": which, "made_at": record.made_at} if record else {"in_force": "none", "made_at": None}
 
 
 async def _draw(record: Path, previous: Path | None, page: Path) -> bool:

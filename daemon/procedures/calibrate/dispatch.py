@@ -1,4 +1,4 @@
-"""Choice of the calibration that was asked for, and the two short ones: teach the tip, map pixels to um."""
+"""Dispatch of calibrations, and the two short ones: teach the tip, map pixels to um at one head angle."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.states import Event
 from daemon.jobs.context import JobContext, Outcome, ProcedureFor, StationContext
 from daemon.procedures.calibrate.backlash import measure_backlash
+from daemon.procedures.calibrate.commit import keep_probe, tell_old
 from daemon.procedures.calibrate.map_walk import MapAcquisition
 from daemon.procedures.calibrate.planarity import measure_surface
 from daemon.procedures.calibrate.pose_map import acquire_and_store
@@ -23,6 +24,7 @@ from vision import ProbeModel
 
 async def calibrate(job: JobContext, context: StationContext, request: Calibrate) -> Outcome:
     """Run the calibration that was asked for."""
+    tell_old(job, context, request.what)
     return await _CALIBRATIONS[request.what](job, context, request)
 
 
@@ -36,8 +38,8 @@ async def _teach_tip(job: JobContext, context: StationContext, request: Calibrat
         model = await asyncio.to_thread(ProbeModel.teach, frame.pixels, tip_px=request.tip_px)
     except ValueError as exc:
         raise Fault(FaultCode.CALIBRATION_FAILED, f"the tip cannot be taught: {exc}") from exc
-    await asyncio.to_thread(context.calibrations.store_probe, model)
-    return Outcome("calibrated", detail={"what": "tip", "tip_px": list(request.tip_px)})
+    kept = await keep_probe(job, context, model)
+    return Outcome("calibrated", detail={"what": "tip", "tip_px": list(request.tip_px)} | kept)
 
 
 async def _map(job: JobContext, context: StationContext, request: Calibrate) -> Outcome:

@@ -1,4 +1,4 @@
-"""Which head angles a rotational calibration visits, in the order in which the axis turns. Pure."""
+"""Head angles of a rotational calibration, in the order in which the axis turns. Pure."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Acquisition of the map from image to robot: a walk round one resting target (thesis 6.2, on one head angle).
+"""Map acquisition: walk round one resting target and learn the map from image to robot (thesis 6.2).
 
 First by small fixed steps along both axes (table 6.1), then by what those taught over the whole region a correction
 may come from. At the end the head is lifted beside the target: how far its image then moves is how far the

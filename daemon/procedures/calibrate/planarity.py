@@ -1,4 +1,4 @@
-"""Planarity check of the surface (thesis 6.2, end): touch places all over the board, fit the plane, give a verdict."""
+"""Planarity check (thesis 6.2, end): touch places all over the board, fit the plane, give a verdict."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ async def measure_surface(job: JobContext, context: StationContext, request: Cal
     where = np.array([context.geometry.tip_um(place) for place in places])
     surface = _plane(where, np.array(heights))
     record = _record(surface, where, heights, began.facts(job, context))
-    kept = await keep(context, record)
+    kept = await keep(job, context, record)
     return Outcome("calibrated", detail=_told(record) | kept)
 
 
@@ -97,6 +97,7 @@ def _record(surface: Surface, places: Array, heights: list[float], facts: dict[s
         rms_um=surface.rms_um,
         limit_um=PLANAR_WITHIN_UM,
         planar=unflat_um <= PLANAR_WITHIN_UM,
+        max_rms_um=MAX_RMS_UM,
     )
 
 

@@ -1,4 +1,4 @@
-"""Calibration of the map from image to robot: acquire it, refuse what must not be trusted, store what is good."""
+"""Pose map calibration: acquire the map from image to robot, and refuse one that must not be trusted."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from daemon.jobs.context import JobContext, StationContext
 from daemon.procedures.calibrate.commit import Began, keep
 from daemon.procedures.calibrate.map_walk import MapAcquisition
 from daemon.procedures.calibrate.targets import CalibrationTarget
-from daemon.storage.calibration_records import MapRecord, SeenTarget
+from daemon.storage.calibration_records import MapLimits, MapRecord, SeenTarget
 from vision.geometry import MapPoint, PoseMap, worst_shrink
 
 MAX_RESIDUAL_UM = 15.0
@@ -31,8 +31,9 @@ async def acquire_and_store(
     record = MapRecord(
         **began.facts(job, context), mark=target.name, theta_deg=acquisition.over.theta_deg, tip_px=acquisition.tip_px,
         sightings=tuple(_seen(s) for s in acquisition.sightings), pose_map=json.loads(pose_map.to_json()),
+        limits=MapLimits(residual_um=MAX_RESIDUAL_UM, left_share=MAX_LEFT),
     )  # fmt: skip
-    kept = await keep(context, record)
+    kept = await keep(job, context, record)
     return {
         "what": "map",
         "sightings": len(acquisition.sightings),

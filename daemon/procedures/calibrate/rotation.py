@@ -7,7 +7,6 @@ Afterwards the new model is tried: the head jumps to the target at angles it was
 
 from __future__ import annotations
 
-import asyncio
 import math
 from collections.abc import Sequence
 
@@ -20,11 +19,10 @@ from daemon.procedures.calibrate.commit import Began, keep
 from daemon.procedures.calibrate.head_angles import between, plan_angles
 from daemon.procedures.calibrate.map_walk import MapAcquisition
 from daemon.procedures.calibrate.pose_map import acquire_and_store
-from daemon.procedures.calibrate.rotation_run import MeasuredAngle, RotationRun
+from daemon.procedures.calibrate.rotation_run import MAX_CLOSURE_UM, MeasuredAngle, RotationRun
 from daemon.procedures.calibrate.targets import CalibrationTarget, choose_target
 from daemon.procedures.move_sequence import MoveSequence, shifted
-from daemon.storage.calibration_records import Circle, RotationRecord, TrialLanding
-from daemon.storage.calibration_resume import Partial
+from daemon.storage.calibration_records import Circle, RotationLimits, RotationRecord, TrialLanding
 from daemon.wire.operations.jobs import Calibrate
 from vision.geometry import PoseMap
 from vision.head import Choice, Head, HeadFit, fit_head, head_to_dict, total_error_um
@@ -52,8 +50,7 @@ async def calibrate_rotation(job: JobContext, context: StationContext, request: 
     fit = fit_or_refuse(run.measured, request.model)
     landings = await _try_out(run, fit, between(angles, CHECKS))
     record = _record(run, fit, began.facts(job, context), prior, landings)
-    kept = await keep(context, record)
-    await asyncio.to_thread(Partial.forget, context.calibrations.folder)
+    kept = await keep(job, context, record)
     return Outcome("calibrated", detail=_told(record) | {"resumed": resumed} | kept)
 
 
@@ -136,6 +133,7 @@ def _record(
         before=tuple(before),
         after=tuple(after),
         sightings=measured.sightings,
+        limits=RotationLimits(holdout_um=MAX_HOLDOUT_UM, landing_um=MAX_LANDING_UM, closure_um=MAX_CLOSURE_UM),
     )
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from daemon.domain.errors import Fault, FaultCode
+from daemon.procedures.calibrate.commit import on_disk
 from daemon.procedures.calibrate.targets import CalibrationTarget, Sighting
 from daemon.procedures.move_sequence import MoveSequence, shifted
 from daemon.procedures.surface_touch import card_height_um
@@ -113,7 +114,7 @@ class RotationRun:
         stop, seen = found
         so_far = self.measured
         self.measured = replace(so_far, stops=(*so_far.stops, stop), sightings=(*so_far.sightings, seen))
-        await asyncio.to_thread(self._partial().write, self._context.calibrations.folder)
+        await on_disk(self._partial().write, self._context.calibrations.folder)
 
     async def _close(self) -> None:
         """Visit the first angle again."""

@@ -1,4 +1,4 @@
-"""Calibration targets: resting things with a sharp centre, be it a round target of the board or the printed cross."""
+"""Calibration targets: a resting thing with a sharp centre, a round target or the printed cross."""
 
 from __future__ import annotations
 

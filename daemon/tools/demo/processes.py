@@ -1,4 +1,4 @@
-"""Start and end the processes of a demonstration."""
+"""Processes of a demonstration, started and ended."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The HTML report of a demonstration: every landing with its pictures, and the errors as a plot."""
+"""Report of a demonstration: every landing with its images, and the errors as a plot."""
 
 from __future__ import annotations
 

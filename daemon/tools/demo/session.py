@@ -1,4 +1,4 @@
-"""The tester of the demonstration: sets the station up, then triggers one correction after the other.
+"""Session of the demonstration's tester: sets the station up, then triggers one correction after the other.
 
 The tester does what a person and a tester do on a line: home, show the daemon the needle's end, calibrate the map, put
 the head over test points, say "open". How good each landing was it asks the simulated station's truth, not the daemon.

@@ -1,4 +1,4 @@
-"""The computer a station runs on: ports, cameras, permissions, disk, time. Reads only."""
+"""Computer of a station: ports, cameras, permissions, disk, time. Reads only."""
 
 from __future__ import annotations
 

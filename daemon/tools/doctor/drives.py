@@ -1,4 +1,4 @@
-"""Bus and drives: does the line open, does each drive answer, who is it, and does its self-test pass. Moves nothing."""
+"""Examination of bus and drives: line, identity, self-test. Moves nothing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The whole examination in its order. A running daemon is asked instead: two masters on one line would do harm."""
+"""Examination of a station in its order. A running daemon is asked instead: two masters on one line do harm."""
 
 from __future__ import annotations
 

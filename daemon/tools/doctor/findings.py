@@ -1,4 +1,4 @@
-"""What an examination finds: one line a check, with what to do."""
+"""Results of an examination: one line a check, with what to do."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Camera and lights together: modes, controls, frame rate, exposure lock, and each lamp seen in the picture."""
+"""Examination of camera and lights: modes, controls, frame rate, exposure lock, each lamp seen in the image."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The HTML pages of calibrations: `python -m daemon.report RECORD.json [--previous OLD.json] -o PAGE.html`.
+"""The HTML pages of calibrations: `python -m daemon.tools.report RECORD.json [--previous OLD.json] -o PAGE.html`.
 
 A process of its own, started for one page and gone when it is written. The plots are matplotlib's, which takes some
 60 MB and a second to import and never gives them back; a service that runs for months on a small station should not

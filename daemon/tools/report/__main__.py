@@ -1,4 +1,4 @@
-"""The command: draw one calibration's page and renew the index beside it.
+"""Command that draws one calibration's page and renews the index beside it.
 
 Exit status 0: written. 1: a file could not be read or written. 2: the call or a record is wrong. With 1 and 2 one line
 on stderr says why, and a page that was there before is as it was.
@@ -14,7 +14,7 @@ from daemon.tools.report.command import NOT_WRITTEN, OK, WRONG, Parser, own_sett
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; return its exit status."""
-    parser = Parser(prog="python -m daemon.report", description=__doc__)
+    parser = Parser(prog="python -m daemon.tools.report", description=__doc__)
     parser.add_argument("record", type=Path, help="the calibration's JSON record")
     parser.add_argument("--previous", type=Path, help="the record it replaced, for the drift")
     parser.add_argument("-o", "--output", type=Path, required=True, help="the page to write")

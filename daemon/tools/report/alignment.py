@@ -1,4 +1,4 @@
-"""The page of a board's alignment."""
+"""Page of a board's alignment."""
 
 from __future__ import annotations
 
@@ -8,19 +8,21 @@ from typing import Final
 import numpy as np
 from markupsafe import Markup
 
-from daemon.procedures.align import MAX_RESIDUAL_UM, MAX_SCALE_ERROR
 from daemon.storage.calibration_records import AlignmentRecord
 from daemon.tools.report.page import Number, PageVerdict, Plot
 from daemon.tools.report.svg import INK, MAIN, SECOND, TIMES, new_figure, to_svg
 from vision.geometry import Array
 
 SUBJECT: Final = "Alignment of the board"
-SCALE_LIMIT_PPM: Final = MAX_SCALE_ERROR * 1e6
 MAGNIFIED: Final = (1000, 500, 200, 100, 50, 20, 10)
 
 
 def _ppm(record: AlignmentRecord) -> float:
     return (record.scale - 1.0) * 1e6
+
+
+def _limit_ppm(record: AlignmentRecord) -> float:
+    return record.limits.scale_error * 1e6
 
 
 def _lengths_um(record: AlignmentRecord) -> Array:
@@ -31,32 +33,33 @@ def _lengths_um(record: AlignmentRecord) -> Array:
 
 
 def verdict(record: AlignmentRecord) -> PageVerdict:
-    """Judge by the largest residual and the scale."""
-    worst = float(_lengths_um(record).max())
-    good = worst <= MAX_RESIDUAL_UM and abs(_ppm(record)) <= SCALE_LIMIT_PPM
+    """Judge by the largest residual and the scale, by the limits that the calibration had."""
+    worst, limit_um, limit_ppm = float(_lengths_um(record).max()), record.limits.residual_um, _limit_ppm(record)
+    good = worst <= limit_um and abs(_ppm(record)) <= limit_ppm
     because = (
         f"Board {record.board}, {record.side} side: {len(record.fiducials)} fiducials leave {record.rms_um:.1f} um "
-        f"rms, {worst:.1f} um at most (limit {MAX_RESIDUAL_UM:.0f} um), at a scale {_ppm(record):+.0f} ppm from 1 "
-        f"(limit {SCALE_LIMIT_PPM:.0f} ppm)."
+        f"rms, {worst:.1f} um at most (limit {limit_um:.0f} um), at a scale {_ppm(record):+.0f} ppm from 1 "
+        f"(limit {limit_ppm:.0f} ppm)."
     )
     return PageVerdict(good, because)
 
 
 def numbers(record: AlignmentRecord) -> tuple[Number, ...]:
     """Return the figures of the table, each fiducial at the end."""
-    lengths, ppm = _lengths_um(record), _ppm(record)
-    limit = f"at most {MAX_RESIDUAL_UM:.0f} um"
+    lengths, limit_um = _lengths_um(record), record.limits.residual_um
+    ppm, limit_ppm = _ppm(record), _limit_ppm(record)
+    limit = f"at most {limit_um:.0f} um"
     rows = [
         Number("board", f"{record.board}, {record.side}"),
         Number("shift X", record.tx_um, "um"),
         Number("shift Y", record.ty_um, "um"),
         Number("turn", record.theta_deg, "deg", 4),
-        Number("scale from 1", ppm, "ppm", 0, f"within {SCALE_LIMIT_PPM:.0f} ppm", abs(ppm) > SCALE_LIMIT_PPM),
+        Number("scale from 1", ppm, "ppm", 0, f"within {limit_ppm:.0f} ppm", abs(ppm) > limit_ppm),
         Number("left at the fiducials, rms", record.rms_um, "um"),
     ]
     rows += [
         Number(
-            f"{fiducial.name}: left ({fiducial.views} views)", float(length), "um", 1, limit, length > MAX_RESIDUAL_UM
+            f"{fiducial.name}: left ({fiducial.views} views)", float(length), "um", 1, limit, length > limit_um
         )
         for fiducial, length in zip(record.fiducials, lengths, strict=True)
     ]  # fmt: skip

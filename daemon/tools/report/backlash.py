@@ -1,4 +1,4 @@
-"""The page of the play of X and Y."""
+"""Page of the backlash of X and Y."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What both commands here have in common: how they speak, and where matplotlib keeps its settings."""
+"""Common parts of both report commands: how they speak, and where matplotlib keeps its settings."""
 
 from __future__ import annotations
 

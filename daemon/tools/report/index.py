@@ -1,4 +1,4 @@
-"""The index of a folder of pages. What it says of a page is read from the page's own head, so nothing can disagree."""
+"""Index of a folder of pages, read from the pages' own heads."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page of a map from image to robot."""
+"""Page of a map from image to robot."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 
-from daemon.procedures.calibrate.pose_map import MAX_RESIDUAL_UM
 from daemon.storage.calibration_records import MapRecord
 from daemon.tools.report.page import Number, PageVerdict, Plot
 from daemon.tools.report.svg import BAD, INK, MAIN, MUTED, SECOND, TIMES, new_figure, to_svg
@@ -106,22 +105,23 @@ def drift(now: Mapped, before: Mapped) -> MapDrift:
 
 
 def verdict(record: MapRecord) -> PageVerdict:
-    """Judge by what the fit left."""
-    left = Mapped.of(record).pose_map.residual_um
+    """Judge by what the fit left, by the limit that the calibration judged by."""
+    left, limit_um = Mapped.of(record).pose_map.residual_um, record.limits.residual_um
     seen = f"{len(record.sightings)} sightings of {record.mark}"
-    because = f"{seen} leave {left:.1f} um rms (limit {MAX_RESIDUAL_UM:.0f} um)."
-    return PageVerdict(left <= MAX_RESIDUAL_UM, because)
+    because = f"{seen} leave {left:.1f} um rms (limit {limit_um:.0f} um)."
+    return PageVerdict(left <= limit_um, because)
 
 
 def numbers(record: MapRecord) -> tuple[Number, ...]:
     """Return the figures of the table."""
     mapped = Mapped.of(record)
     pose_map, (across, along) = mapped.pose_map, mapped.scales_um_per_px()
+    limit_um = record.limits.residual_um
     return (
         Number("mark", record.mark),
         Number("sightings", float(len(record.sightings)), "", 0),
-        Number("left by the fit, rms", pose_map.residual_um, "um", limit=f"at most {MAX_RESIDUAL_UM:.0f} um",
-               bad=pose_map.residual_um > MAX_RESIDUAL_UM),
+        Number("left by the fit, rms", pose_map.residual_um, "um", limit=f"at most {limit_um:.0f} um",
+               bad=pose_map.residual_um > limit_um),
         Number("left by the fit, largest", float(np.linalg.norm(mapped.residuals_um(), axis=1).max()), "um"),
         Number("a pixel across the view", across, "um", 3),
         Number("a pixel along the view", along, "um", 3),
@@ -181,9 +181,8 @@ def _sightings(mapped: Mapped) -> Plot:
     axes.set_title(f"residuals {TIMES}{times}")
     lengths = np.sort(np.linalg.norm(left, axis=1))
     table.plot(lengths, 100 * np.arange(1, lengths.size + 1) / lengths.size, color=MAIN, drawstyle="steps-post")
-    table.axvline(
-        MAX_RESIDUAL_UM, color=BAD, linestyle="--", linewidth=1, label=f"limit of the rms, {MAX_RESIDUAL_UM:.0f} um"
-    )
+    limit_um = mapped.record.limits.residual_um
+    table.axvline(limit_um, color=BAD, linestyle="--", linewidth=1, label=f"limit of the rms, {limit_um:.0f} um")
     table.axvline(
         mapped.pose_map.residual_um, color=INK, linewidth=1, label=f"rms, {mapped.pose_map.residual_um:.1f} um"
     )

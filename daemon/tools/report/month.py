@@ -1,4 +1,4 @@
-"""The page of a month: `python -m daemon.report.month --journal FILE --month 2026-11 --station NAME -o PAGE.html`.
+"""The page of a month: `python -m daemon.tools.report.month --journal FILE --month 2026-11 --station NAME -o PAGE`.
 
 A process of its own, as every page with plots is. Exit status 0: written. 1: a file could not be read or written.
 2: the call is wrong. With 1 and 2 one line on stderr says why.
@@ -16,7 +16,7 @@ from daemon.tools.report.command import NOT_WRITTEN, OK, WRONG, Parser, own_sett
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; return its exit status."""
-    parser = Parser(prog="python -m daemon.report.month", description=__doc__)
+    parser = Parser(prog="python -m daemon.tools.report.month", description=__doc__)
     parser.add_argument("--journal", type=Path, required=True)
     parser.add_argument("--month", required=True)
     parser.add_argument("--station", required=True)

@@ -1,4 +1,4 @@
-"""What a month's page says: read once from the journal, a day at a time, in memory that a long month does not fill."""
+"""Facts of a month, read once from the journal, a day at a time, in bounded memory."""
 
 from __future__ import annotations
 

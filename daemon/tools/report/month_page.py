@@ -1,4 +1,4 @@
-"""The page of a month: a verdict, the figures, the alerts, and the courses of all watches."""
+"""Page of a month: a verdict, the figures, the alerts, and the courses of all watches."""
 
 from __future__ import annotations
 

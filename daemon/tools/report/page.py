@@ -1,4 +1,4 @@
-"""What a page consists of, and its rendering: a verdict, a table of figures, plots. No calibration is named here."""
+"""Page model and rendering: a verdict, a table of figures, plots. No calibration is named here."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From a record to its page: which room draws which kind, and what may be compared with what."""
+"""Pages by kind of record: which module draws which, and what may be compared with what."""
 
 from __future__ import annotations
 

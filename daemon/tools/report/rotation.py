@@ -1,4 +1,4 @@
-"""The page of a rotation."""
+"""Page of a rotation."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from typing import Final
 
 import numpy as np
 
-from daemon.procedures.calibrate.rotation import MAX_HOLDOUT_UM, MAX_LANDING_UM
 from daemon.storage.calibration_records import RotationRecord
 from daemon.tools.report import rotation_figures as figures
 from daemon.tools.report.page import Number, PageVerdict, Plot
@@ -16,32 +15,32 @@ SUBJECT: Final = "Rotation of the head"
 
 
 def verdict(record: RotationRecord) -> PageVerdict:
-    """Judge as the calibration does: by the hold-out error and the landings afterwards."""
-    after = lengths_um(record.after)
-    predicted = record.holdout_rms_um <= MAX_HOLDOUT_UM
+    """Judge as the calibration did: by the hold-out error and the landings afterwards, by the limits it had."""
+    after, limits = lengths_um(record.after), record.limits
+    predicted = record.holdout_rms_um <= limits.holdout_um
     holdout = (
-        f"hold-out error {record.holdout_rms_um:.1f} um rms (limit {MAX_HOLDOUT_UM:.0f} um), "
+        f"hold-out error {record.holdout_rms_um:.1f} um rms (limit {limits.holdout_um:.0f} um), "
         f"{record.holdout_max_um:.1f} um at most"
     )
     if not after.size:
         return PageVerdict(good=False, because=f"No landing by the new model was seen; {holdout}.")
-    good = predicted and bool((after <= MAX_LANDING_UM).all())
-    share = figures.share_within(record.after, MAX_LANDING_UM)
+    good = predicted and bool((after <= limits.landing_um).all())
+    share = figures.share_within(record.after, limits.landing_um)
     because = f"First landings at angles that were not fitted: {share}, the farthest {after.max():.1f} um; {holdout}."
     return PageVerdict(good, because)
 
 
 def numbers(record: RotationRecord) -> tuple[Number, ...]:
     """Return the figures of the table."""
-    rotation = Rotation(record)
-    limit = f"at most {MAX_LANDING_UM:.0f} um"
+    rotation, limits = Rotation(record), record.limits
+    limit = f"at most {limits.landing_um:.0f} um"
     before, after = lengths_um(record.before), lengths_um(record.after)
     model = f"{record.kind}, order {record.order}" if record.order is not None else record.kind
     rows = [
         Number("stops used", f"{sum(record.used)} of {len(record.stops)}"),
         Number("head model", model),
-        Number("hold-out error, rms", record.holdout_rms_um, "um", limit=f"at most {MAX_HOLDOUT_UM:.0f} um",
-               bad=record.holdout_rms_um > MAX_HOLDOUT_UM),
+        Number("hold-out error, rms", record.holdout_rms_um, "um", limit=f"at most {limits.holdout_um:.0f} um",
+               bad=record.holdout_rms_um > limits.holdout_um),
         Number("hold-out error, largest", record.holdout_max_um, "um"),
         Number("left by the model, rms", record.rms_um, "um"),
         Number("left by a rigid rotation, rms", rotation.rigid_rms_um, "um"),
@@ -56,7 +55,7 @@ def numbers(record: RotationRecord) -> tuple[Number, ...]:
     ]  # fmt: skip
     for when, lengths in (("before", before), ("after", after)):
         if lengths.size:
-            bad = when == "after" and bool(lengths.max() > MAX_LANDING_UM)
+            bad = when == "after" and bool(lengths.max() > limits.landing_um)
             rows.append(Number(f"landings {when}: median", float(np.median(lengths)), "um"))
             rows.append(Number(f"landings {when}: largest", float(lengths.max()), "um", bad=bad,
                                limit=limit if when == "after" else ""))  # fmt: skip

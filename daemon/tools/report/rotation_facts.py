@@ -1,4 +1,4 @@
-"""What a rotation's record says when it is asked: deviations from the circle, the model's course, landings, drift."""
+"""Facts of a rotation's record: deviations from the circle, the model's course, landings, drift."""
 
 from __future__ import annotations
 

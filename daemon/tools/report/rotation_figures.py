@@ -1,4 +1,4 @@
-"""The plots of a rotation: circle, residuals, linearity, landings, errors, drift (thesis figures 6.6 .. 6.11)."""
+"""Plots of a rotation: circle, residuals, linearity, landings, errors, drift (thesis figures 6.6 .. 6.11)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page of the surface below the needle."""
+"""Page of the surface below the probe."""
 
 from __future__ import annotations
 

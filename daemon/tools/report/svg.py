@@ -1,4 +1,4 @@
-"""Figures as SVG text that lives inside a page: its colours follow the page, its ids do not clash."""
+"""SVG figures inside a page: their colours follow the page, their ids do not clash."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Examples for the page of the wire: a request, a reply and an event of each kind, as they could be on a station.
+"""Examples for the page of the wire: events, and what rows of operations do not hold themselves.
 
 Those of operations are their rows' own.
 """

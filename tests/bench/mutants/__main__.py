@@ -50,7 +50,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--files", nargs="+", default=[], help="ends of paths of core files; default: all of them")
     parser.add_argument("--workers", type=_at_least_one, default=os.cpu_count() or 1, help="copies that work at a time")
-    parser.add_argument("--timeout-s", type=float, help="limit of each run; default: from the sound file's run")
+    parser.add_argument("--timeout-s", type=float, help="limit of each mutant; default: from the sound file's run")
     parser.add_argument("--least", type=float, default=0.92, help="share that must be caught")
     return parser
 

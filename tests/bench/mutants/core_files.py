@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class CoreFile:
-    """A source file and its own tests, as paths below the project's root."""
+    """A source file and its own tests, the quick ones first, as paths below the project's root."""
 
     path: str
     tests: tuple[str, ...]
@@ -38,13 +38,13 @@ CORE_FILES: tuple[CoreFile, ...] = (
     CoreFile("drivers/gantry/path.py", ("tests/drivers/gantry/test_path.py",)),
     CoreFile(
         "vision/geometry/board_alignment.py",
-        ("tests/vision/geometry/test_board_alignment.py", "tests/vision/geometry/test_board_alignment_limits.py"),
+        ("tests/vision/geometry/test_board_alignment_limits.py", "tests/vision/geometry/test_board_alignment.py"),
     ),
     CoreFile(
         "vision/geometry/pose_map.py",
-        ("tests/vision/geometry/test_pose_map.py", "tests/vision/geometry/test_pose_map_numbers.py"),
+        ("tests/vision/geometry/test_pose_map_numbers.py", "tests/vision/geometry/test_pose_map.py"),
     ),
-    CoreFile("vision/pads/rules.py", ("tests/vision/pads/test_rules.py", "tests/vision/pads/test_rule_limits.py")),
+    CoreFile("vision/pads/rules.py", ("tests/vision/pads/test_rule_limits.py", "tests/vision/pads/test_rules.py")),
 )
 
 

@@ -17,6 +17,7 @@ from tests.bench.mutants.workshop import Workshop
 T = TypeVar("T")
 SLOWER, SLACK_S = 4.0, 10.0
 """A mutant may take so many times as long as the sound file and so much more; then its tests hang."""
+SOUND_WITHIN_S = 600.0
 
 
 class NotSoundError(Exception):
@@ -44,11 +45,14 @@ def check(
 ) -> list[Outcome]:
     """Run every planned mutant, in the order given; return what came of each.
 
-    `limit_s`: of each run; None takes it from the sound run of each file. `options` go to pytest.
+    `limit_s`: of each mutant; None takes it from the sound run of each file. `options` go to pytest.
     Raises NotSoundError where the unchanged file's tests do not pass. An interrupt kills what runs and removes the
     copies.
     """
     files = list(dict.fromkeys(core for core, _ in planned))
+    missing = [path for core in files for path in core.tests if not (root / path).exists()]
+    if missing:
+        raise NotSoundError(f"there is no {', no '.join(missing)}; tests/bench/mutants/core_files.py names them")
     with ExitStack() as stack:
         shops = [stack.enter_context(Workshop(root, options)) for _ in range(max(1, min(workers, len(planned))))]
         free: SimpleQueue[Workshop] = SimpleQueue()
@@ -56,7 +60,7 @@ def check(
             free.put(shop)
         pool = stack.enter_context(ThreadPoolExecutor(len(shops)))
         try:
-            sound = pool.map(lambda core: _in_one_of(free, lambda shop: _limit_s(shop, root, core, limit_s)), files)
+            sound = pool.map(lambda core: _in_one_of(free, lambda shop: _limit_s(shop, core, limit_s)), files)
             limits = dict(zip(files, sound, strict=True))
             outcomes = []
             runs = pool.map(
@@ -81,12 +85,9 @@ def _in_one_of(free: SimpleQueue[Workshop], work: Callable[[Workshop], T]) -> T:
         free.put(shop)
 
 
-def _limit_s(shop: Workshop, root: Path, core: CoreFile, limit_s: float | None) -> float:
+def _limit_s(shop: Workshop, core: CoreFile, limit_s: float | None) -> float:
     """Run a sound file's tests and return how long a mutant's may take."""
-    missing = [path for path in core.tests if not (root / path).exists()]
-    if missing:
-        raise NotSoundError(f"{core.path}: there is no {', '.join(missing)}")
-    run = shop.run(core, None, limit_s or 600.0)
+    run = shop.run(core, None, SOUND_WITHIN_S)
     if not run.passed:
         raise NotSoundError(f"{core.path}: its tests do not pass as it is\n{run.output[-3000:]}")
     return limit_s or SLOWER * run.took_s + SLACK_S

@@ -11,7 +11,14 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+from collections.abc import Iterable
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from tests.bench.vision.campaign import Record
 
 # Before NumPy loads: process time should be the time of one thread.
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
@@ -46,7 +53,7 @@ def main(argv: list[str] | None = None) -> int:
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    from tests.bench.vision import campaign, figures, table
+    from tests.bench.vision import campaign, table
 
     # A file or a pipe has no width of its own: the tables need this much.
     console = Console(width=None if sys.stdout.isatty() else 132)
@@ -69,17 +76,7 @@ def main(argv: list[str] | None = None) -> int:
             bar = progress.add_task(table.TITLES[task], total=len(listed))
             workers, repeats = (1, 5) if speed else (asked.workers, 1)
             records += campaign.run(listed, workers, repeats, lambda bar=bar: progress.advance(bar))
-    for task in names:
-        part = [record for record in records if record.task == task]
-        if not speed:
-            table.show_task(console, task, part)
-            table.show_worst(console, task, figures.worst(part))
-    if speed:
-        table.show_speed(console, records)
-    listed_verdicts = figures.verdicts(records)
-    if speed:
-        listed_verdicts = [verdict for verdict in listed_verdicts if "ms median" in verdict.target]
-    table.show_verdicts(console, listed_verdicts)
+    _show(console, names, records, speed=speed)
     if asked.csv:
         table.write_csv(asked.csv, records)
         console.print(f"records: {asked.csv}")
@@ -87,6 +84,22 @@ def main(argv: list[str] | None = None) -> int:
         for path in plots.draw_all(asked.plots, records):
             console.print(f"plot: {path}")
     return 0
+
+
+def _show(console: Console, tasks: Iterable[str], records: list[Record], *, speed: bool) -> None:
+    """Print the tables: of each campaign, or of the speed alone; then which targets were met."""
+    from tests.bench.vision import figures, table
+
+    verdicts = figures.verdicts(records)
+    if speed:
+        table.show_speed(console, records)
+        table.show_verdicts(console, [verdict for verdict in verdicts if "ms median" in verdict.target])
+        return
+    for task in tasks:
+        part = [record for record in records if record.task == task]
+        table.show_task(console, task, part)
+        table.show_worst(console, task, figures.worst(part))
+    table.show_verdicts(console, verdicts)
 
 
 if __name__ == "__main__":

@@ -92,4 +92,4 @@ def test_however_many_clients_come_only_so_many_are_remembered() -> None:
     limit = RateLimit(per_s=1.0, burst=1, now_s=_Clock())
     for n in range(3 * BUCKETS):
         limit.spend(str(n))
-    assert len(limit._buckets) == BUCKETS
+    assert limit.remembered == BUCKETS

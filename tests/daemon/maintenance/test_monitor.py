@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -276,7 +276,8 @@ async def test_more_than_it_can_take_is_dropped_and_never_waited_for(tmp_path: P
 async def test_a_probe_past_its_life_is_told_with_its_touches(tmp_path: Path) -> None:
     async with _station(tmp_path, MaintenanceSection(probe_life_touches=100)) as station:
         monitor = station.monitor
-        station.calibrations.fingerprint = "a probe"
+        calibrations = station.calibrations
+        calibrations.in_force = replace(calibrations.in_force, fingerprint="a probe")
         _correct(monitor, 0)
         await _settled(monitor)
         monitor.on_touches(150)
@@ -284,7 +285,7 @@ async def test_a_probe_past_its_life_is_told_with_its_touches(tmp_path: Path) ->
         await _settled(monitor)
         alert = monitor.alerts.standing["probe_life"]
         assert (alert.figure, alert.severity) == (150.0, "serious")
-        station.calibrations.fingerprint = "another"
+        calibrations.in_force = replace(calibrations.in_force, fingerprint="another")
         _correct(monitor, 2)
         await _settled(monitor)
         assert "probe_life" not in monitor.alerts.standing

@@ -141,7 +141,7 @@ async def station(journal: Journal) -> Daemon:
 @pytest.fixture
 async def handlers(station: Daemon, journal: Journal) -> Handlers:
     parts: Any = {
-        "runner": station.jobs, "reset": station.reset, "calibrations": station.calibrations,
+        "runner": station.jobs, "reset": station.reset, "calibrations": SimpleNamespace(in_force=station.calibrations),
         "images": station.pictures, "metrics": station.metrics, "monitor": station.monitor, "vitals": station.vitals,
     }  # fmt: skip
     return Handlers(

@@ -1,10 +1,20 @@
-"""What the configuration says is what the drivers are told."""
+"""What the configuration says is what the drivers are told; what the drives say is what the station is told."""
 
+from __future__ import annotations
+
+from contextlib import AsyncExitStack
 from pathlib import Path
+from typing import Any, cast
+
+import pytest
 
 from daemon.config.model import Config, load_config
 from daemon.station import devices as hardware
 from drivers.bus import OdAddressing, SerialLine, TcpLine
+from drivers.deadline import Deadline
+from drivers.errors import DriveFault, EmergencyStop, LimitHit, MotionError
+from drivers.l4118 import AxisHealth
+from drivers.l4118.diagnosis import Evidence
 
 EXAMPLE = Path(__file__).parents[3] / "systemd" / "station.example.toml"
 
@@ -37,3 +47,77 @@ def test_theta_arrives_within_hundredths_of_a_degree(tmp_path: Path) -> None:
     axes = _config(tmp_path).axes
     assert hardware.axis_config("theta", axes.theta).window_units < 0.05625
     assert hardware.axis_config("x", axes.x).window_units == 1.0
+
+
+# --- what the drives say
+
+SOON = Deadline.after(60.0)
+RUNS, OFF, FAULT = Evidence(0x0237), Evidence(0x0250, left_enabled=True), Evidence(0x0218, 0x3210, 0x01003210)
+
+
+def _health(name: str, evidence: Evidence, *, homed: bool = True, on_limit: bool = False) -> AxisHealth:
+    return AxisHealth(name, "any", homed, 0.0, evidence.error_code, "", False, on_limit, False, None, evidence)
+
+
+class Machine:
+    """A gantry and lights that say what they are told to, and write down what was asked of them."""
+
+    def __init__(self, *axes: AxisHealth) -> None:
+        self._axes = axes
+        self.did: list[str] = []
+
+    async def health(self, _deadline: Deadline) -> tuple[AxisHealth, ...]:
+        return self._axes
+
+    async def reset(self, _deadline: Deadline) -> None:
+        self.did.append("reset")
+
+    async def start(self, _deadline: Deadline) -> None:
+        self.did.append("start")
+
+    async def set(self, _light: object, _deadline: Deadline) -> None:
+        self.did.append("dark")
+
+
+def _opened(machine: Machine) -> hardware.Hardware:
+    anything = cast("Any", machine)
+    return hardware.Hardware(anything, anything, anything, {}, AsyncExitStack(), {})
+
+
+@pytest.mark.parametrize(
+    ("axes", "error", "device"),
+    [
+        ([_health("x", RUNS), _health("y", OFF)], EmergencyStop, "y"),
+        ([_health("x", FAULT), _health("y", OFF)], EmergencyStop, "y"),
+        ([_health("x", RUNS, on_limit=True), _health("y", OFF)], EmergencyStop, "y"),
+        ([_health("x", RUNS), _health("y", FAULT), _health("z", RUNS, on_limit=True)], DriveFault, "y"),
+        ([_health("x", RUNS), _health("z", RUNS, on_limit=True)], LimitHit, "z"),
+    ],
+)
+async def test_of_several_troubles_an_emergency_stop_is_told_first_then_the_first(
+    axes: list[AxisHealth], error: type[MotionError], device: str
+) -> None:
+    station = _opened(Machine(*axes))
+    with pytest.raises(error) as caught:
+        await station.check_health(SOON)
+    assert type(caught.value) is error
+    assert caught.value.device == device
+    assert station.axes == tuple(axes)
+
+
+async def test_healthy_axes_are_no_trouble_nor_one_on_its_switch_before_homing() -> None:
+    await _opened(Machine(_health("x", RUNS), _health("y", RUNS, homed=False, on_limit=True))).check_health(SOON)
+
+
+@pytest.mark.parametrize(("evidence", "trouble"), [(RUNS, False), (FAULT, True), (OFF, True)])
+async def test_a_drive_that_was_switched_off_is_in_trouble_though_it_shows_no_error_code(
+    evidence: Evidence, *, trouble: bool
+) -> None:
+    station = _opened(Machine(_health("x", RUNS), _health("y", evidence)))
+    assert await station.in_trouble(SOON) is trouble
+
+
+async def test_recovery_clears_the_drives_before_it_starts_them_and_ends_in_the_dark() -> None:
+    machine = Machine(_health("x", RUNS))
+    await _opened(machine).recover(SOON)
+    assert machine.did == ["reset", "start", "dark"]

@@ -76,7 +76,7 @@ def test_the_tip_goes_round_the_configured_circle_until_a_head_is_calibrated(
 ) -> None:
     at = Position(1000.0, 2000.0, 5000.0, 90.0)
     assert geometry.tip_um(at) == pytest.approx((1000.0, 17000.0))
-    calibrations.head = CircleHead(10000.0, 90.0)
+    calibrations.in_force = replace(calibrations.in_force, head=CircleHead(10000.0, 90.0))
     assert geometry.head is calibrations.head
     assert geometry.tip_um(at) == pytest.approx((-9000.0, 2000.0))
 
@@ -102,7 +102,7 @@ def test_a_surface_never_measured_is_at_the_nominal_height_and_a_measured_one_wh
 ) -> None:
     at = geometry.position_at((51000.0, 42000.0), 120.0)
     assert geometry.height_um((51000.0, 42000.0)) == geometry.height_below_um(at) == 0.0
-    calibrations.surface = SURFACE
+    calibrations.in_force = replace(calibrations.in_force, surface=SURFACE)
     # 1 mm along x rises by 2 um, 2 mm along y fall by 6 um
     assert geometry.height_um((51000.0, 42000.0)) == pytest.approx(26.0)
     assert geometry.height_below_um(at) == pytest.approx(26.0)

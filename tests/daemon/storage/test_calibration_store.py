@@ -1,17 +1,26 @@
 """What is calibrated is in force whole or not at all, belongs to its station and probe, and outlives a bad file."""
 
+import json
+import os
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 
 from daemon.domain.errors import Fault, FaultCode
+from daemon.storage.calibration_history import HISTORY_KEPT
+from daemon.storage.calibration_records import Record
+from daemon.storage.calibration_resume import Partial
 from daemon.storage.calibration_store import Calibrations
-from tests.daemon.tools.report.synthetic import map_record, rotation_record
+from tests.daemon.tools.report.synthetic import backlash_record, map_record, rotation_record
 from tests.vision.scene import Camera, Canvas, Needle, draw_needle, frame_of
 from vision import ProbeModel
 
 TIP_PX = (428.0, 620.0)
+OF_ANOTHER: dict[str, dict[str, Any]] = {"station": {"station": "s2"}, "probe": {"probe": "another"}}
 
 
 @pytest.fixture(scope="module")
@@ -35,9 +44,14 @@ def _again(store: Calibrations, station: str = "s1") -> Calibrations:
     return calibrations
 
 
+def _of(store: Calibrations, make: Callable[..., Record], **changes: Any) -> Record:
+    """Return a record that fits the station and its probe, but for what is changed."""
+    return make(**{"station": "s1", "probe": store.fingerprint} | changes)
+
+
 def test_a_record_is_in_force_at_once_and_after_a_restart(store: Calibrations) -> None:
-    assert store.store(map_record(station="s1", probe=store.fingerprint)) is None
-    assert store.store(rotation_record(station="s1", probe=store.fingerprint)) is None
+    assert store.store(_of(store, map_record)) is None
+    assert store.store(_of(store, rotation_record)) is None
     assert store.pose_map is not None
     assert store.head is not None
     again = _again(store)
@@ -47,21 +61,59 @@ def test_a_record_is_in_force_at_once_and_after_a_restart(store: Calibrations) -
 
 
 def test_what_is_replaced_goes_to_the_history(store: Calibrations) -> None:
-    first = rotation_record(station="s1", probe=store.fingerprint)
+    first = _of(store, rotation_record)
     store.store(first)
-    kept = store.store(rotation_record(station="s1", probe=store.fingerprint))
+    kept = store.store(_of(store, rotation_record, seed=2))
     assert kept is not None
     assert kept.parent.name == "history"
     assert kept.read_text() == first.model_dump_json(indent=1)
 
 
-@pytest.mark.parametrize("damage", ["torn", "other station", "other probe"])
+def test_of_records_replaced_in_the_same_moment_none_is_lost(
+    store: Calibrations, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daemon.storage.calibration_history.utc_now", lambda: "2026-03-04T05:06:07.000+00:00")
+    records = [_of(store, backlash_record, seed=seed) for seed in range(12)]
+    for record in records:
+        store.store(record)
+    kept = sorted((store.folder / "history").glob("backlash-*.json"))
+    assert sorted(file.read_text() for file in kept) == sorted(r.model_dump_json(indent=1) for r in records[:-1])
+
+
+def test_the_history_keeps_the_newest_and_no_more_than_its_number(store: Calibrations) -> None:
+    records = [_of(store, backlash_record, seed=seed) for seed in range(HISTORY_KEPT + 4)]
+    for record in records:
+        store.store(record)
+    kept = {file.read_text() for file in (store.folder / "history").glob("backlash-*.json")}
+    assert kept == {record.model_dump_json(indent=1) for record in records[3:-1]}
+
+
+def test_a_file_system_without_hard_links_keeps_a_copy(store: Calibrations) -> None:
+    first = _of(store, backlash_record)
+    store.store(first)
+    refused = PermissionError(1, "Operation not permitted")
+    with patch.object(os, "link", side_effect=refused):
+        kept = store.store(_of(store, backlash_record, seed=2))
+    assert kept is not None
+    assert kept.read_text() == first.model_dump_json(indent=1)
+
+
+def test_a_history_that_cannot_be_pruned_keeps_nothing_from_being_stored(store: Calibrations) -> None:
+    for seed in range(HISTORY_KEPT + 1):
+        store.store(_of(store, backlash_record, seed=seed))
+    last = _of(store, backlash_record, seed=1000)
+    with patch.object(os, "unlink", side_effect=PermissionError(13, "Permission denied")):
+        store.store(last)
+    assert store.records["backlash"] == _again(store).records["backlash"] == last
+
+
+@pytest.mark.parametrize("damage", ["torn", "of another kind", "of another station", "of another probe"])
 def test_what_does_not_fit_is_not_used_and_said(store: Calibrations, damage: str) -> None:
-    station = "s2" if damage == "other station" else "s1"
-    store.store(map_record(station=station, probe="another" if damage == "other probe" else store.fingerprint))
-    if damage == "torn":
-        file = store.file("map")
-        file.write_text(file.read_text()[:200])
+    changes = OF_ANOTHER.get(damage.removeprefix("of another "), {})
+    text = _of(store, map_record, **changes).model_dump_json()
+    if damage == "of another kind":
+        text = _of(store, backlash_record).model_dump_json()
+    store.file("map").write_text(text[:200] if damage == "torn" else text)
     again = _again(store)
     assert again.pose_map is None
     assert again.probe is not None
@@ -70,11 +122,90 @@ def test_what_does_not_fit_is_not_used_and_said(store: Calibrations, damage: str
     assert caught.value.kind is FaultCode.NOT_CALIBRATED
 
 
-def test_a_new_needle_makes_map_and_rotation_void(store: Calibrations, probe: ProbeModel) -> None:
-    store.store(map_record(station="s1", probe=store.fingerprint))
-    store.store(rotation_record(station="s1", probe=store.fingerprint))
+@pytest.mark.parametrize("wrong", ["station", "probe", "map"])
+def test_a_record_that_could_not_be_used_after_a_restart_is_refused_before_anything_is_written(
+    store: Calibrations, wrong: str
+) -> None:
+    store.store(_of(store, map_record))
+    before = {file: file.read_bytes() for file in store.folder.rglob("*") if file.is_file()}
+    in_force = store.records["map"]
+    record = _of(store, map_record, seed=2, **OF_ANOTHER.get(wrong, {}))
+    if wrong == "map":
+        record = record.model_copy(update={"pose_map": json.loads('{"format": "something else"}')})
+    with pytest.raises(ValueError, match=r"another probe|made on station|not a pose map"):
+        store.store(record)
+    assert {file: file.read_bytes() for file in store.folder.rglob("*") if file.is_file()} == before
+    assert store.records["map"] is in_force
+
+
+def test_a_new_probe_makes_map_and_rotation_void(store: Calibrations, probe: ProbeModel) -> None:
+    """Even if it looks exactly like the one before."""
+    before = store.fingerprint
+    for make in (map_record, rotation_record, backlash_record):
+        store.store(_of(store, make))
     store.store_probe(probe)
+    assert store.fingerprint != before
     assert store.pose_map is None
     assert store.head is None
-    assert not _again(store).made_at()
+    assert set(store.made_at()) == set(_again(store).made_at()) == {"backlash"}
     assert len(list((store.folder / "history").iterdir())) == 2
+    assert not store.problems
+
+
+def test_a_void_record_that_cannot_be_removed_is_not_used_all_the_same(store: Calibrations, probe: ProbeModel) -> None:
+    store.store(_of(store, map_record))
+    with patch.object(os, "unlink", side_effect=PermissionError(13, "Permission denied")):
+        store.store_probe(probe)
+    assert store.file("map").exists()
+    again = _again(store)
+    assert store.pose_map is again.pose_map is None
+    assert store.problems == again.problems == {"map": "it was made with another probe"}
+
+
+def test_what_was_read_once_does_not_change_when_more_is_stored(store: Calibrations, probe: ProbeModel) -> None:
+    store.store(_of(store, map_record))
+    seen, made_at, pose_map = store.in_force, store.made_at(), store.pose_map
+    store.store(_of(store, rotation_record))
+    store.store_probe(probe)
+    assert (seen.made_at(), seen.pose_map, seen.head) == (made_at, pose_map, None)
+    with pytest.raises(TypeError):
+        seen.records["map"] = _of(store, map_record)  # type: ignore[index]
+
+
+# --- a rotation that goes on ------------------------------------------------------------------------------------
+
+
+def _partial(store: Calibrations, record: Any) -> Partial:
+    return Partial(
+        station="s1", probe=store.fingerprint, map_made_at="", control_um=record.control_um,
+        angles=tuple(s.theta_deg for s in record.stops), card_height_um=0.0, stops=record.stops, sightings=(),
+    )  # fmt: skip
+
+
+def test_a_stored_rotation_ends_its_run(store: Calibrations) -> None:
+    record = _of(store, rotation_record)
+    _partial(store, record).write(store.folder)
+    assert Partial.read(store.folder) is not None
+    store.store(record)
+    assert Partial.read(store.folder) is None
+    assert not list(store.folder.glob("*partial*"))
+
+
+def test_a_run_whose_file_cannot_be_removed_is_over_all_the_same(store: Calibrations) -> None:
+    record = _of(store, rotation_record)
+    _partial(store, record).write(store.folder)
+    with patch.object(os, "unlink", side_effect=PermissionError(13, "Permission denied")):
+        store.store(record)
+    assert list(store.folder.glob("*partial*"))
+    assert Partial.read(store.folder) is None
+
+
+def test_a_rotation_that_could_not_be_stored_leaves_its_run_to_go_on(store: Calibrations) -> None:
+    record = _of(store, rotation_record)
+    _partial(store, record).write(store.folder)
+    with (
+        patch.object(os, "replace", side_effect=OSError(28, "No space left")),
+        pytest.raises(OSError, match="No space"),
+    ):
+        store.store(record)
+    assert Partial.read(store.folder) == _partial(store, record)

@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -241,32 +242,24 @@ def test_no_row_of_the_sound_record_is_called_an_outlier(count: int, start: int)
 # Refusals
 
 
-def _spoilt(change: str) -> np.ndarray:
-    rows = rebuilt_record()[::15].copy()
-    match change:
-        case "few":
-            return rows[:5]
-        case "nan":
-            rows[3, 1] = np.nan
-        case "angle":
-            rows[3, 0] = np.inf
-        case "twice":
-            rows[4, 0] = rows[3, 0] + 360.005
-        case "forbidden":
-            rows[4, 0] = 120.0
-        case "half":
-            return rows[rows[:, 0] > 185.0]
-        case "mirrored":
-            rows[:, 2] *= -1
-        case "still":
-            rows[:, 1:] = 7.0
-        case "outliers":
-            rows[:6, 1:] += (700.0, 900.0)
-        case "noise":
-            rows[:, 1:] = np.random.default_rng(0).normal(size=(22, 2)) * 1000.0
-        case "line":
-            rows[:, 2] = rows[:, 1]
+def _put(rows: np.ndarray, where: object, value: object) -> np.ndarray:
+    rows[where] = value
     return rows
+
+
+SPOILT: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "few": lambda rows: rows[:5],
+    "nan": lambda rows: _put(rows, (3, 1), np.nan),
+    "angle": lambda rows: _put(rows, (3, 0), np.inf),
+    "twice": lambda rows: _put(rows, (4, 0), rows[3, 0] + 360.005),
+    "forbidden": lambda rows: _put(rows, (4, 0), 120.0),
+    "half": lambda rows: rows[rows[:, 0] > 185.0],
+    "mirrored": lambda rows: _put(rows, np.s_[:, 2], -rows[:, 2]),
+    "still": lambda rows: _put(rows, np.s_[:, 1:], 7.0),
+    "outliers": lambda rows: _put(rows, np.s_[:6, 1:], rows[:6, 1:] + (700.0, 900.0)),
+    "noise": lambda rows: _put(rows, np.s_[:, 1:], np.random.default_rng(0).normal(size=(22, 2)) * 1000.0),
+    "line": lambda rows: _put(rows, np.s_[:, 2], rows[:, 1]),
+}
 
 
 @pytest.mark.parametrize(
@@ -287,7 +280,7 @@ def _spoilt(change: str) -> np.ndarray:
 )
 def test_a_record_that_is_none_is_refused_with_what_to_do(change: str, says: str) -> None:
     with pytest.raises(ValueError, match=says):
-        fit_head(*_spoilt(change).T)
+        fit_head(*SPOILT[change](rebuilt_record()[::15].copy()).T)
 
 
 def test_wrong_shapes_and_wrong_wishes_are_refused() -> None:

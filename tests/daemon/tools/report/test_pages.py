@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import json
 import re
 from collections.abc import Callable
 from functools import cache
@@ -13,7 +14,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from daemon.storage.calibration_records import Record
+from daemon.storage.calibration_records import (
+    AlignmentLimits,
+    MapLimits,
+    Record,
+    RotationLimits,
+    SurfaceRecord,
+    parse_record,
+)
 from daemon.tools.report.page import Number, PageVerdict, render
 from daemon.tools.report.pages import ROOMS, make_page, write_page
 from tests.daemon.tools.report.synthetic import (
@@ -263,6 +271,56 @@ def test_an_alignment_is_judged_by_its_worst_fiducial_and_its_scale() -> None:
     assert _bad(far) == ["FID1: left (2 views)"]
     assert not _verdict(large).good
     assert "+2600 ppm" in _verdict(large).because
+
+
+JUDGED: list[tuple[Any, dict[str, float], str]] = [
+    (map_record(), {"residual_um": 2.0}, "left by the fit, rms"),
+    (rotation_record(), {"holdout_um": 1.0}, "hold-out error, rms"),
+    (rotation_record(), {"landing_um": 3.0}, "landings after: largest"),
+    (alignment_record(), {"residual_um": 1.0}, "FID1: left (2 views)"),
+    (alignment_record(), {"scale_error": 0.0002}, "scale from 1"),
+]
+"""Good records, a limit that would have refused them, and the row that says so."""
+
+
+def _with_limits(record: Any, limits: dict[str, float]) -> Any:
+    return record.model_copy(update={"limits": record.limits.model_copy(update=limits)})
+
+
+@pytest.mark.parametrize(("record", "limits", "row"), JUDGED)
+def test_a_page_judges_by_the_limits_that_its_record_brings(record: Any, limits: dict[str, float], row: str) -> None:
+    assert _verdict(record).good
+    assert row not in _bad(record)
+    strict = _with_limits(record, limits)
+    assert not _verdict(strict).good
+    assert row in _bad(strict)
+
+
+def test_a_record_that_passed_wider_limits_keeps_its_verdict() -> None:
+    worn = map_record(noise_um=22.0)
+    assert not _verdict(worn).good
+    wide = _with_limits(worn, {"residual_um": 40.0})
+    assert _verdict(wide).good
+    assert "(limit 40 um)" in _verdict(wide).because
+    assert _bad(wide) == []
+
+
+@pytest.mark.parametrize("kind", ["map", "rotation", "alignment"])
+def test_a_file_from_before_limits_were_stored_is_judged_as_it_was_then(kind: str) -> None:
+    record = MAKERS[kind]()
+    old = record.model_dump(mode="json")
+    del old["limits"]
+    read = parse_record(json.dumps(old), f"{kind}.json")
+    assert read == record
+    assert _verdict(read) == _verdict(record)
+
+
+def test_the_limits_of_older_files_never_change() -> None:
+    """Should a limit of the procedures change, these stay: they judged the files that name none."""
+    assert MapLimits().model_dump() == {"residual_um": 15.0, "left_share": 0.5}
+    assert RotationLimits().model_dump() == {"holdout_um": 60.0, "landing_um": 200.0, "closure_um": 40.0}
+    assert AlignmentLimits().model_dump() == {"residual_um": 60.0, "scale_error": 0.002, "turn_deg": 3.0}
+    assert SurfaceRecord.model_fields["max_rms_um"].default == 25.0
 
 
 @pytest.mark.parametrize("kind", MAKERS)

@@ -1,0 +1,20 @@
+"""After a calibration that failed the command says which one holds."""
+
+from typing import Any
+
+import pytest
+
+from daemon.cli.progress import in_force_words
+
+
+@pytest.mark.parametrize(
+    ("detail", "words"),
+    [
+        ({"what": "map", "in_force": "old", "made_at": "2026-03-04T05:06:07"}, "old map, made 2026-03-04T05:06:07"),
+        ({"what": "map", "in_force": "new", "made_at": "2026-05-04T07:00:00"}, "new map, made 2026-05-04T07:00:00"),
+        ({"what": "surface", "in_force": "none", "made_at": None}, "no surface"),
+        ({"what": "tip", "in_force": "old", "probe": "0123abcd"}, "old tip"),
+    ],
+)
+def test_which_calibration_is_in_force_is_said_with_its_time(detail: dict[str, Any], words: str) -> None:
+    assert in_force_words(detail) == words

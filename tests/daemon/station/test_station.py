@@ -1,0 +1,300 @@
+"""A station's frames are exposed after light and head have settled; its moves and waits are booked and bounded."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from daemon.config.model import Config, load_config
+from daemon.domain.errors import Fault, FaultCode
+from daemon.platform.clock import Stopwatch
+from daemon.station import station as module
+from daemon.station.allowance import Allowance
+from daemon.station.station import CrossSearch, Search, Station
+from drivers.deadline import Deadline
+from drivers.errors import EnvelopeViolation, Stalled
+from drivers.gantry import Position
+from drivers.lights import Light
+from tests.daemon.procedures.fake_station import (
+    EXAMPLE,
+    FakeCamera,
+    FakeGantry,
+    FakeLights,
+    found_tip,
+    hardware,
+    missing,
+    pose_map,
+    probe_model,
+)
+from tests.daemon.procedures.fake_station import a_board as board
+from vision import Reason, Tip
+
+HERE = Position(50_000.0, 40_000.0, 5_200.0, 0.0)
+
+
+class Bench:
+    """A station on fake devices, and a caller with an hour to spend."""
+
+    def __init__(self, **gantry: Any) -> None:
+        config: Config = load_config(EXAMPLE)
+        self.config = config.model_copy(update={"gantry": config.gantry.model_copy(update=gantry)})
+        self.gantry, self.lights, self.camera = FakeGantry(config, HERE, HERE), FakeLights(), FakeCamera()
+        self.hardware = hardware(self.gantry, self.lights, self.camera)
+        self.station = Station(self.config, self.hardware)
+        self.caller = Allowance(Deadline.after(3_600.0), Stopwatch())
+
+    def booked_ms(self, what: str) -> float | None:
+        return self.caller.watch.timing_ms()["triggered"].get(what)
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
+
+
+# --- moves --------------------------------------------------------------------------------------------------------
+
+
+async def test_a_move_goes_to_its_target_under_the_callers_deadline_and_is_booked(bench: Bench) -> None:
+    target = replace(HERE, x_um=51_000.0)
+    assert await bench.station.go(target, bench.caller) == target
+    assert await bench.station.go(HERE, bench.caller, from_above=frozenset({"y"})) == HERE
+    assert bench.gantry.moves == [(target, frozenset()), (HERE, {"y"})]
+    assert bench.gantry.asked == [bench.caller.deadline] * 2
+    assert bench.booked_ms("motion") is not None
+    assert bench.booked_ms("bus") is None
+
+
+async def test_a_target_out_of_reach_is_refused(bench: Bench) -> None:
+    outside = replace(HERE, x_um=-1.0)
+    with pytest.raises(EnvelopeViolation):
+        await bench.station.go(outside, bench.caller)
+    with pytest.raises(EnvelopeViolation):
+        bench.station.check(outside)
+    bench.station.check(HERE)
+    assert bench.gantry.moves == []
+
+
+@pytest.mark.parametrize(("z_um", "moves"), [(5_205.0, 0), (5_195.0, 0), (5_205.1, 1), (5_194.9, 1), (12_000.0, 1)])
+async def test_z_is_brought_to_working_height_unless_it_is_there(bench: Bench, z_um: float, moves: int) -> None:
+    at = replace(HERE, z_um=z_um, theta_deg=7.0)
+    reached = await bench.station.to_work_height(at, bench.caller)
+    assert reached == (replace(at, z_um=5_200.0) if moves else at)
+    assert len(bench.gantry.moves) == moves
+
+
+async def test_homing_is_a_motion_and_is_asked_of_the_drives(bench: Bench) -> None:
+    await bench.station.home(bench.caller)
+    assert bench.gantry.homings == 1
+    assert bench.booked_ms("motion") is not None
+    await bench.station.require_homed(bench.caller)
+    bench.gantry.is_homed = False
+    with pytest.raises(Fault) as caught:
+        await bench.station.require_homed(bench.caller)
+    assert caught.value.kind is FaultCode.NOT_HOMED
+
+
+async def test_the_drives_are_asked_for_two_seconds_at_most(bench: Bench) -> None:
+    await bench.station.require_homed(bench.caller)
+    assert bench.gantry.asked[-1].at_s <= time.monotonic() + 2.0
+    soon = Allowance(Deadline.after(0.5), Stopwatch())
+    await bench.station.require_homed(soon)
+    assert bench.gantry.asked[-1] == soon.deadline
+
+
+async def test_the_position_is_what_the_drives_say(bench: Bench) -> None:
+    assert await bench.station.position(bench.caller) == HERE
+    assert bench.gantry.asked == [bench.caller.deadline]
+    assert bench.booked_ms("bus") is not None
+
+
+@pytest.mark.parametrize(("z_um", "moves"), [(11_999.0, 1), (12_000.0, 0), (15_000.0, 0)])
+async def test_the_needle_is_lifted_to_the_safe_height_if_it_is_lower(bench: Bench, z_um: float, moves: int) -> None:
+    bench.gantry.reported = replace(HERE, z_um=z_um)
+    await bench.station.retract(bench.caller.deadline)
+    assert bench.gantry.moves == [(replace(HERE, z_um=12_000.0), frozenset())] * moves
+
+
+async def test_stop_reaches_the_axes(bench: Bench) -> None:
+    await bench.station.stop()
+    assert bench.gantry.stopped == 1
+
+
+def test_exchanges_are_those_of_all_lines(bench: Bench) -> None:
+    assert bench.station.exchanges == 0
+    lines = {name: SimpleNamespace(statistics=SimpleNamespace(requests=n)) for name, n in (("a", 3), ("b", 4))}
+    bench.hardware.buses = cast("Any", lines)
+    assert bench.station.exchanges == 7
+
+
+# --- light and frames ---------------------------------------------------------------------------------------------
+
+
+async def test_lamps_are_switched_under_the_callers_deadline(bench: Bench) -> None:
+    await bench.station.prepare_white(bench.caller)
+    await bench.station.lights_off(bench.caller)
+    assert bench.lights.log == [Light.WHITE, Light.OFF]
+    assert bench.lights.asked == [bench.caller.deadline] * 2
+    assert bench.booked_ms("bus") is not None
+
+
+async def test_a_frame_is_exposed_after_its_light_has_settled(bench: Bench) -> None:
+    bench.lights.settle_s = 5.0
+    before_s = time.monotonic()
+    await bench.station.capture(Light.RED, bench.caller)
+    ((ready_s, deadline),) = bench.camera.asked
+    assert bench.lights.log == [Light.RED]
+    assert before_s + 5.0 <= ready_s <= time.monotonic() + 5.0
+    # A frame may take what is left to wait, and the camera's own patience.
+    assert before_s + 5.0 + 3.0 <= deadline.at_s <= time.monotonic() + 5.0 + 3.0
+    assert bench.booked_ms("light") == pytest.approx(5_000.0, abs=500.0)
+
+
+@pytest.mark.parametrize("what", ["go", "home", "failed go"])
+async def test_a_frame_is_exposed_after_the_head_has_come_to_rest(what: str) -> None:
+    bench = Bench(settle_ms=9_000.0)
+    before_s = time.monotonic()
+    if what == "home":
+        await bench.station.home(bench.caller)
+    elif what == "go":
+        await bench.station.go(HERE, bench.caller)
+    else:
+        bench.gantry.failures[1] = Stalled("blocked", device="x")
+        with pytest.raises(Stalled):
+            await bench.station.go(HERE, bench.caller)
+    moved_s = time.monotonic()
+    await bench.station.capture(Light.WHITE, bench.caller)
+    ((ready_s, _),) = bench.camera.asked
+    assert before_s + 9.0 <= ready_s <= moved_s + 9.0
+
+
+async def test_waiting_for_the_exposure_is_booked_apart_from_the_light(bench: Bench) -> None:
+    bench.lights.settle_s = 2.0
+    bench.camera.late_s = 0.75
+    await bench.station.capture(Light.WHITE, bench.caller)
+    assert bench.booked_ms("exposure") == pytest.approx(750.0, abs=1.0)
+
+
+async def test_where_all_is_settled_the_exposure_is_booked_from_when_it_was_asked_for() -> None:
+    bench = Bench(settle_ms=0.0)
+    bench.lights.settle_s = -100.0
+    bench.camera.late_s = 104.0
+    await bench.station.go(HERE, bench.caller)
+    await bench.station.capture(Light.WHITE, bench.caller)
+    ((ready_s, _),) = bench.camera.asked
+    assert bench.booked_ms("light") == 0.0
+    assert bench.booked_ms("exposure") == pytest.approx((ready_s + 104.0 - time.monotonic()) * 1e3, abs=500.0)
+
+
+async def test_a_frame_is_not_waited_for_beyond_the_callers_deadline(bench: Bench) -> None:
+    soon = Allowance(Deadline.after(0.5), Stopwatch())
+    await bench.station.capture(Light.WHITE, soon)
+    assert bench.camera.asked[0][1] == soon.deadline
+
+
+# --- looks --------------------------------------------------------------------------------------------------------
+
+
+class Eyes:
+    """Vision that answers as told; what it was asked is kept."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, tip: Any) -> None:
+        self.asked: list[tuple[str, Any]] = []
+        self.tip, self.seen, self.cross = tip, object(), object()
+        monkeypatch.setattr(module, "find_tip", self._tip)
+        monkeypatch.setattr(module, "find_test_points", self._pads)
+        monkeypatch.setattr(module, "find_control_point", self._cross)
+
+    def _tip(self, _pixels: Any, model: Any) -> Any:
+        self.asked.append(("tip", model))
+        return self.tip
+
+    def _pads(self, _pixels: Any, **how: Any) -> Any:
+        self.asked.append(("pads", how))
+        return self.seen
+
+    def _cross(self, _pixels: Any, *how: Any) -> Any:
+        self.asked.append(("cross", how))
+        return self.cross
+
+
+async def test_a_look_finds_the_tip_in_white_and_the_pads_round_the_place_below_it_in_red(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tip, model = found_tip(810.0, 600.0), probe_model()
+    eyes = Eyes(monkeypatch, tip)
+    look = await bench.station.look(HERE, model, Search((3.0, -7.0), 60.0, 21.0), bench.caller)
+    assert bench.lights.log == [Light.WHITE, Light.RED]
+    assert look.red is not None
+    assert (look.white.sequence, look.red.sequence) == (1, 2)
+    assert (look.tip, look.seen, look.cross) == (tip, eyes.seen, None)
+    assert (look.position, look.expected_tip_px) == (HERE, model.tip_px)
+    how = {"around_px": (813.0, 593.0), "reach_px": 60.0, "expected_radius_px": 21.0, "needle": tip}
+    assert eyes.asked == [("tip", model), ("pads", how)]
+
+
+async def test_without_a_tip_no_pads_are_searched(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    eyes = Eyes(monkeypatch, missing(Reason.NO_NEEDLE))
+    look = await bench.station.look(HERE, probe_model(), Search((0.0, 0.0), 60.0, None), bench.caller)
+    assert (look.tip, look.seen) == (eyes.tip, None)
+    untaught = await bench.station.look(HERE, None, Search((0.0, 0.0), 60.0, None), bench.caller)
+    assert (untaught.tip, untaught.seen, untaught.expected_tip_px) == (None, None, None)
+    assert [what for what, _ in eyes.asked] == ["tip"]
+
+
+async def test_a_white_look_finds_the_cross_round_the_place_below_the_tip(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    eyes = Eyes(monkeypatch, found_tip(810.0, 600.0))
+    model = probe_model()
+    look = await bench.station.look_white(HERE, model, CrossSearch((3.0, -7.0), 60.0, 55.0), bench.caller)
+    assert bench.lights.log == [Light.WHITE]
+    assert (look.red, look.cross, look.position) == (None, eyes.cross, HERE)
+    assert eyes.asked == [("tip", model), ("cross", ((813.0, 593.0), 60.0, 55.0))]
+
+
+@pytest.mark.parametrize("lost", [True, False])
+async def test_a_cross_is_searched_only_if_it_is_asked_for_and_there_is_a_tip(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, lost: bool
+) -> None:
+    eyes = Eyes(monkeypatch, missing(Reason.BENT) if lost else found_tip(810.0, 600.0))
+    search = CrossSearch((0.0, 0.0), 60.0, 55.0) if lost else None
+    look = await bench.station.look_white(HERE, probe_model(), search, bench.caller)
+    assert look.cross is None
+    assert isinstance(look.tip, Tip) is not lost
+    assert [what for what, _ in eyes.asked] == ["tip"]
+
+
+async def test_a_look_whose_red_frame_fails_leaves_no_search_behind(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Eyes(monkeypatch, found_tip(810.0, 600.0))
+    take = bench.camera.frame_after
+
+    async def fails_second(t_s: float, deadline: Deadline) -> Any:
+        if bench.camera.asked:
+            raise Stalled("no frame", device="camera")
+        return await take(t_s, deadline)
+
+    monkeypatch.setattr(bench.camera, "frame_after", fails_second)
+    with pytest.raises(Stalled):
+        await bench.station.look(HERE, probe_model(), Search((0.0, 0.0), 60.0, None), bench.caller)
+    await asyncio.sleep(0)
+    assert len(asyncio.all_tasks()) == 1
+
+
+def test_a_search_by_the_map_is_of_cads_size_round_the_place_below_the_tip(tmp_path: Path) -> None:
+    exact = pose_map()
+    point = board(("A", 0.0, 0.0), diameter_um=600.0).points[0]
+    search = Search.by_map(exact, (800.0, 620.0), point, 820.0, 50.0)
+    scale = exact.scale_px_per_um((800.0, 620.0))
+    assert search.offset_px == pytest.approx(np.multiply(exact.below_tip_px, 0.75))
+    assert search.reach_px == pytest.approx(820.0 * scale)
+    assert search.expected_radius_px == pytest.approx(300.0 * scale)
