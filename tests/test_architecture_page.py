@@ -16,7 +16,7 @@ READMES = (
 )  # fmt: skip
 FOLDERS = ("daemon", "drivers", "vision", "sim_hw", "tests", "systemd", "doc", "requirements")
 QUOTED = re.compile(r"`([^`\n]+)`")
-PATH = re.compile(rf"(?:{'|'.join(FOLDERS)})/[\w./-]*|[\w-]+\.(?:py|toml|md)")
+PATH = re.compile(rf"(?:{'|'.join(FOLDERS)})/[\w./-]*|[\w./-]+\.py")
 LINK = re.compile(r"\]\(([^)#]+)\)")
 TO_BE_MADE = "KIND"
 """Stands in a path for a name that the reader chooses."""
@@ -55,13 +55,15 @@ def _defined(path: Path) -> set[str]:
 
 
 def _missing(page: str) -> list[str]:
-    wrong = []
+    wrong, folder = [], (ROOT / page).parent
     for path, name in _places(page):
         if TO_BE_MADE in path:
             parent = path[: path.index(TO_BE_MADE)].rpartition("/")[0]
             if not (ROOT / parent).is_dir():
                 wrong.append(path)
-        elif not (ROOT / path).exists() or (name and name not in _defined(ROOT / path)):
+            continue
+        file = next((base / path for base in (ROOT, folder) if (base / path).exists()), None)
+        if file is None or (name and name not in _defined(file)):
             wrong.append(f"{path}:{name}")
     return wrong
 
