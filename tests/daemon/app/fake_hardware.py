@@ -30,6 +30,7 @@ class FakeHardware:
         self.found = {name: SimpleNamespace(fit=True, homed=True) for name in AXES}
         self.camera = SimpleNamespace(settings=dict, frame_after=self._frame)
         self.moving = False
+        self.z_um = 12_000.0
 
     async def _ask(self, what: str) -> None:
         await self.gate(what)
@@ -65,7 +66,7 @@ class FakeHardware:
 
     async def position(self, _deadline: Any) -> Any:
         await self._ask("position")
-        return SimpleNamespace(x_um=0.0, y_um=0.0, z_um=12_000.0, theta_deg=0.0)
+        return SimpleNamespace(x_um=0.0, y_um=0.0, z_um=self.z_um, theta_deg=0.0)
 
     async def set(self, _light: Any, _deadline: Any) -> None:
         await self._ask("light")
