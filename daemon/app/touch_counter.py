@@ -33,6 +33,11 @@ class TouchCounter:
         self._writes.add(write)
         write.add_done_callback(self._writes.discard)
 
+    async def settle(self) -> None:
+        """Wait until all touches counted so far are written."""
+        if self._writes:
+            await asyncio.wait(self._writes)
+
     async def _keep(self, job: str | None) -> None:
         try:
             await self._journal.add_report(job, None, 1)

@@ -132,8 +132,9 @@ class Gantry:
                     under_way.discard(name)
             if under_way:
                 next_s = time.monotonic() + min(self._axes[name].config.poll_s for name in under_way)
-                for name in self._axes.keys() - leg.keys():
-                    await self._axes[name].check_standing(deadline)
+                for name, axis in self._axes.items():
+                    if name not in under_way:
+                        await axis.check_standing(deadline)
                 await asyncio.sleep(max(0.0, next_s - time.monotonic()))
 
     def _check_arrival(self, target: Position, reached: Position) -> None:
