@@ -10,7 +10,7 @@ import pytest
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.states import Event
 from daemon.procedures.registry import PROCEDURES
-from daemon.wire.requests import Calibrate
+from daemon.wire.operations.jobs import Calibrate
 from drivers.lights import Light
 from tests.daemon.procedures.fake_station import World, a_board, begin, probe_model, run
 from vision import ProbeModel
