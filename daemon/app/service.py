@@ -67,6 +67,7 @@ class Service:
         for task in (*background, working):
             task.cancel()
         await asyncio.wait([working, *background])
+        await runtime.runner.refuse_waiting()
         await runtime.monitor.close()
         await runtime.control.drain(within_s=1.0)
         answering.cancel()
