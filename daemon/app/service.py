@@ -95,5 +95,5 @@ async def _open_and_work(runtime: Runtime) -> None:
     runtime.status_line.ready(await runtime.journal.last_result())
     # Jobs come after: the first one would have to wait for it anyway.
     await asyncio.to_thread(warm_up)
-    await runtime.supervisor.first_check()
+    await runtime.supervisor.first_check(runtime.watchdog)
     await runtime.runner.run()

@@ -166,10 +166,11 @@ class JobRunner:
 
     async def run(self) -> None:
         """Run jobs until cancelled; cancelling stops the one under way safely."""
+        lock = self._with.lock
         while True:
             ticket = await self._next()
-            waiting = self._watchdog.patience(EXCLUSIVE_WITHIN_S)
-            async with self._with.lock.hold("job", every_s=self._watchdog.every_s, still_waiting=waiting):
+            waiting = self._watchdog.patience(EXCLUSIVE_WITHIN_S, lambda: lock.turns)
+            async with lock.hold("job", every_s=self._watchdog.every_s, still_waiting=waiting):
                 self._watchdog.begin(ticket.due_s)
                 running = asyncio.create_task(self._run_one(ticket), name=f"job {ticket.request.id}")
                 try:
