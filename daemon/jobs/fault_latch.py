@@ -155,6 +155,7 @@ class FaultLatch:
         """Take a job's last transition, with the fault that it leaves latched; another fault clears itself.
 
         Homing that came to its end has settled every axis; homing that did not leaves what it was to cure.
+        Raises `IllegalTransition` if the job may not end so where it stands; the station is then in fault.
         """
         homing = self._job is not None and self._job[0] == "home"
         if homing and event is Event.ON_TARGET:
@@ -164,11 +165,17 @@ class FaultLatch:
         for cause in self._set_aside:
             self._add(cause)
         self._set_aside = ()
-        if self.state in BUSY:
-            self._machine.fire(event)
-        if self._causes:
-            self._enter_fault()
-        self._job = None
+        try:
+            if self.state in BUSY:
+                self._machine.fire(event)
+        except IllegalTransition as exc:
+            # Else the station would look busy with nothing running, and no reset would be let in.
+            self._add(Fault(FaultCode.INTERNAL, str(exc)))
+            raise
+        finally:
+            if self._causes:
+                self._enter_fault()
+            self._job = None
         self._leave_if_clear()
 
     def _enter_fault(self) -> None:
