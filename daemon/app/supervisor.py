@@ -160,7 +160,7 @@ class StationSupervisor:
             case FaultCode.CAMERA_FAILED:
                 await hardware.camera.frame_after(time.monotonic(), Deadline.after(FRAME_WITHIN_S))
             case FaultCode.JOURNAL_FAILED:
-                await self._journal.keep(DOUBT, {"axes": sorted(self._latch.doubtful)})
+                await self._journal.try_room()
             case _:
                 pass
 
