@@ -190,8 +190,8 @@ class StationSupervisor:
             async with self._lock.hold("health check"):
                 if self._latch.state is State.IDLE:
                     await self._check_health()
-                elif self._latch.doubtful:
-                    await self._forget_homing(self._hardware)
+                else:
+                    await self._stop_what_runs(self._hardware)
 
     async def _rest(self) -> None:
         """Wait for the next check, or for an axis that came into doubt: that is written down at once."""
@@ -220,6 +220,15 @@ class StationSupervisor:
         waiting = watchdog.patience(EXCLUSIVE_WITHIN_S, lambda: self._lock.turns)
         async with self._lock.hold("health check", every_s=watchdog.every_s, still_waiting=waiting):
             await self._check_health()
+
+    async def _stop_what_runs(self, hardware: Hardware) -> None:
+        """Stop a drive that could not be told to when its job failed, and write the doubts, as soon as they answer."""
+        try:
+            await hardware.gantry.halt_unstopped()
+        except DeviceError as exc:
+            log.error("axis_may_still_run", error=str(exc))
+        if self._latch.doubtful:
+            await self._forget_homing(hardware)
 
     async def _forget_homing(self, hardware: Hardware) -> None:
         """Write the doubt into the drives as soon as they answer."""

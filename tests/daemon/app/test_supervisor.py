@@ -391,6 +391,22 @@ async def test_the_idle_station_is_looked_after_and_never_beside_somebody_else(
     looking.cancel()
 
 
+async def test_a_drive_that_could_not_be_stopped_is_stopped_as_soon_as_it_answers(
+    station: Station, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daemon.app.supervisor.CHECK_EVERY_S", 0.001)
+    await station.supervisor.open()
+    station.hardware.unstopped = True
+    station.hardware.errors["halt"] = LinkTimeout("no answer", device="x")
+    station.latch.latch(Fault(FaultCode.LINK_LOST))
+    looking = asyncio.create_task(station.supervisor.run())
+    await _until(lambda: station.hardware.did.count("halt") > 1)
+    station.hardware.errors.clear()
+    await _until(lambda: not station.hardware.unstopped)
+    assert [cause.kind for cause in station.latch.causes] == [FaultCode.LINK_LOST], "nothing is cleared by that"
+    looking.cancel()
+
+
 async def test_the_first_check_of_a_start_latches_what_it_finds(station: Station) -> None:
     await station.supervisor.open()
     station.hardware.errors["check_health"] = LightError("dark", device="lights")
