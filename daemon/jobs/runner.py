@@ -231,6 +231,7 @@ class JobRunner:
         """Do what the job asks for; take the machine's last transition however it ends."""
         end = Event.ON_TARGET
         latched: Fault | None = None
+        met: Fault | None = None
         try:
             await self._journal.reserve_seqs()
             if ticket.cancelled:
@@ -242,14 +243,14 @@ class JobRunner:
             end = Event.CANCELLED
             raise
         except Exception as exc:
-            fault = as_fault(exc)
-            end = self._ending(fault)
-            latched = self._latched_by(fault)
+            met = as_fault(exc)
+            end = self._ending(met)
+            latched = self._latched_by(met)
             raise
         finally:
             # The job's own trouble came first; that the lights then failed too is usually its consequence.
             lights = await self._lights_off(job)
-            self._latch.end(end, latched or lights)
+            self._latch.end(end, latched or lights, passing=met)
 
     def _latched_by(self, fault: Fault) -> Fault | None:
         """Return what keeps the daemon in fault: a latched fault, or that homing moved something and did not end."""

@@ -166,8 +166,12 @@ def test_a_fault_that_is_not_latched_clears_itself_with_the_job() -> None:
     latch = _idle()
     latch.begin("look", "l1")
     latch.fire(Event.ACCEPTED)
-    latch.end(Event.FAILED)
+    told: list[StateChange] = []
+    latch.subscribe(told.append)
+    unseen = Fault(FaultCode.TIP_NOT_FOUND)
+    latch.end(Event.FAILED, passing=unseen)
     assert (latch.state, latch.fault) == (State.IDLE, None)
+    assert [(change.after, change.fault) for change in told] == [(State.FAULT, unseen), (State.IDLE, None)]
 
 
 def test_a_job_that_never_began_changes_nothing() -> None:

@@ -221,7 +221,10 @@ async def test_the_same_id_under_way_is_the_same_job_and_another_request_with_it
 @pytest.mark.parametrize("error", [Fault(FaultCode.TIP_NOT_FOUND), Fault(FaultCode.UNDECIDED)])
 async def test_a_recognition_fault_clears_itself(tmp_path: Path, error: Fault) -> None:
     async with _line(tmp_path, _raising(error, Event.ACCEPTED)) as line:
+        why: list[Fault | None] = []
+        line.latch.subscribe(lambda change: why.append(change.fault) if change.after is State.FAULT else None)
         result = await line.do()
+        assert why == [error], "in fault it says why, also for a moment"
         assert result.error is not None
         assert (result.ok, result.outcome, result.error.name) == (False, "failed", error.kind.wire_name)
         assert (line.latch.state, line.latch.fault) == (State.IDLE, None)
