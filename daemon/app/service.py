@@ -67,6 +67,7 @@ class Service:
         for task in (*background, working):
             task.cancel()
         await asyncio.wait([working, *background])
+        await runtime.runner.refuse_waiting()
         await runtime.monitor.close()
         await runtime.control.drain(within_s=1.0)
         answering.cancel()
@@ -94,5 +95,5 @@ async def _open_and_work(runtime: Runtime) -> None:
     runtime.status_line.ready(await runtime.journal.last_result())
     # Jobs come after: the first one would have to wait for it anyway.
     await asyncio.to_thread(warm_up)
-    await runtime.supervisor.first_check()
+    await runtime.supervisor.first_check(runtime.watchdog)
     await runtime.runner.run()

@@ -25,6 +25,8 @@ async def home(job: JobContext, context: StationContext, _request: Home) -> Outc
     job.fire(Event.ARRIVED)
     await context.station.require_homed(job)
     position = await context.station.position(job)
+    if context.station.needle.may_be_down:
+        raise context.station.needle.fault("the axes were homed, and Z is below the height of looks")
     return Outcome("homed", detail={"position": _numbers(position)})
 
 

@@ -60,6 +60,11 @@ async def test_home_fails_if_a_drive_does_not_agree_afterwards(world: World) -> 
     assert (await _failed(world, {"op": "home"})).kind is FaultCode.NOT_HOMED
 
 
+async def test_a_homing_that_leaves_the_needle_down_fails(world: World) -> None:
+    world.gantry.reported = replace(world.gantry.reported, z_um=4_900.0)
+    assert (await _failed(world, {"op": "home"})).kind is FaultCode.NEEDLE_DOWN
+
+
 async def test_a_homing_that_fails_never_arrives(world: World) -> None:
     world.gantry.failures[0] = Stalled("blocked", device="z")
     ran = begin({"op": "home"})
