@@ -11,6 +11,7 @@ from pathlib import Path
 import zmq.asyncio
 
 from daemon.app.announcer import Announcer
+from daemon.app.journal_watch import JournalWatch
 from daemon.app.supervisor import StationSupervisor
 from daemon.config.current import CurrentSettings
 from daemon.config.model import Config
@@ -54,6 +55,7 @@ class Runtime:
     runner: JobRunner
     status_line: StatusLine
     announcer: Announcer
+    journal_watch: JournalWatch
     control: ControlSocket
     reloader: Reloader
 
@@ -102,6 +104,10 @@ async def put_together(config: Config, path: Path | None, stack: AsyncExitStack)
     )
     base.latch.subscribe(announcer.on_change)
     work = _make_work(base)
+    journal_watch = JournalWatch(
+        base.journal, base.latch, work.monitor,
+        announcer.report_interrupted, work.monitor.load, work.runner.write_held_back,
+    )  # fmt: skip
     control = _make_control(base, work, stack)
     stack.push_async_callback(work.supervisor.release)
     reloader = Reloader(
@@ -113,7 +119,7 @@ async def put_together(config: Config, path: Path | None, stack: AsyncExitStack)
     )
     return Runtime(
         base.settings, base.notifier, base.metrics, base.journal, base.latch, work.supervisor, work.monitor,
-        work.runner, base.status_line, announcer, control, reloader,
+        work.runner, base.status_line, announcer, journal_watch, control, reloader,
     )  # fmt: skip
 
 

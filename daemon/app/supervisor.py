@@ -81,10 +81,18 @@ class StationSupervisor:
 
     async def open(self) -> None:
         """Open the devices for the first time; what keeps the station closed becomes its fault."""
-        kept = await self._journal.kept(DOUBT)
-        self._latch.doubt(axis for axis in AXES if kept is not None and axis in kept.get("axes", ()))
+        self._latch.doubt(await self._kept_doubts())
         await self.reset()
         self._latch.opened()
+
+    async def _kept_doubts(self) -> list[str]:
+        """Return the axes that were in doubt when the daemon before this one ended; all, if nobody can read that."""
+        try:
+            kept = await self._journal.kept(DOUBT) or {}
+        except Fault as exc:
+            log.error("doubts_not_read", error=exc.message)
+            return list(AXES)
+        return [axis for axis in AXES if axis in kept.get("axes", ())]
 
     async def reset(self) -> Fault | None:
         """Open what is not open, clear what the drives hold, and clear the faults latched so far if nothing is wrong.
@@ -119,6 +127,7 @@ class StationSupervisor:
 
         What needs a person is asked last: `not_homed` means that everything else is well.
         """
+        trouble = await self._journal.mend()
         deadline = Deadline.after(OPEN_WITHIN_S)
         if self._hardware is None:
             fit = await self._open(deadline)
@@ -137,6 +146,9 @@ class StationSupervisor:
             await self._check_cause(cause, hardware)
         if not await hardware.gantry.homed(deadline):
             raise Fault(FaultCode.NOT_HOMED)
+        # Behind all that speaks against moving: the journal's trouble may be over at any time, by itself.
+        if trouble is not None:
+            raise trouble
 
     async def _open(self, deadline: Deadline) -> bool:
         """Open the devices; return whether the drives' self-test found them fit."""
@@ -151,8 +163,6 @@ class StationSupervisor:
         match cause.kind:
             case FaultCode.CAMERA_FAILED:
                 await hardware.camera.frame_after(time.monotonic(), Deadline.after(FRAME_WITHIN_S))
-            case FaultCode.JOURNAL_FAILED:
-                await self._journal.keep(DOUBT, {"axes": sorted(self._latch.doubtful)})
             case _:
                 pass
 

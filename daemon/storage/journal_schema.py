@@ -15,6 +15,8 @@ from pathlib import Path
 import structlog
 
 SCHEMA_VERSION = 2
+BUSY_MS = 5000
+"""How long a write waits for somebody else's."""
 BASE_TABLES = """
 CREATE TABLE meta (key TEXT PRIMARY KEY, value INTEGER NOT NULL) STRICT;
 CREATE TABLE jobs (
@@ -107,7 +109,7 @@ def move_aside(path: Path) -> Path:
 def _connect(path: Path) -> tuple[sqlite3.Connection, int]:
     """Open the file, make or check its tables; return the connection and the first free event number."""
     # Only the writer thread uses the connection; close() comes through it too.
-    db = sqlite3.connect(path, isolation_level=None, timeout=5.0, check_same_thread=False)
+    db = sqlite3.connect(path, isolation_level=None, timeout=BUSY_MS / 1e3, check_same_thread=False)
     try:
         return db, _prepare(db)
     except BaseException as exc:

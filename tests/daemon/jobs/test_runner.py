@@ -440,16 +440,71 @@ async def test_a_job_that_cannot_be_written_down_is_not_taken(tmp_path: Path) ->
         assert (await line.do()).ok, "its id is free again"
 
 
-async def test_a_result_that_cannot_be_written_is_answered_and_latched(tmp_path: Path) -> None:
+async def test_a_result_that_cannot_be_written_is_told_to_nobody_until_it_is(tmp_path: Path) -> None:
     gate = _Gate()
     async with _line(tmp_path, gate) as line:
         done = await line.ask()
         await gate.began.wait()
         line.journal.broken = True
         gate.may_end.set()
-        assert (await done).ok
+        with pytest.raises(Fault) as unwritten:
+            await done
+        assert unwritten.value.kind is FaultCode.JOURNAL_FAILED
         assert line.latch.fault is not None
         assert line.latch.fault.kind is FaultCode.JOURNAL_FAILED
+        assert (line.published.events, line.results) == ([], []), "a kill now would make it another result"
+        with pytest.raises(Fault) as asked_again:
+            await line.ask()
+        assert asked_again.value.kind is FaultCode.JOURNAL_FAILED
+        with pytest.raises(Fault):
+            await line.runner.write_held_back()
+        line.journal.broken = False
+        await line.runner.write_held_back()
+        result = await (await line.ask())
+        assert (result.ok, result.outcome) == (True, "looked")
+        assert line.published.events == [("result", result.model_dump(mode="json"))]
+        await line.runner.write_held_back()
+        assert len(line.published.events) == 1, "told once"
+    assert line.did.count("run j") == 1
+
+
+async def test_a_stop_while_a_result_is_being_written_loses_neither_the_result_nor_the_answer(tmp_path: Path) -> None:
+    line = _Line(tmp_path, _looked)
+    writing, may_write = asyncio.Event(), asyncio.Event()
+    line.journal.before_result = lambda: _pause(writing, may_write)
+    loop = asyncio.create_task(line.runner.run())
+    done = await line.ask()
+    await writing.wait()
+    loop.cancel()
+    await asyncio.sleep(0)
+    loop.cancel()
+    may_write.set()
+    with contextlib.suppress(asyncio.CancelledError):
+        await loop
+    assert done.done(), "who waits is answered before the runner has ended"
+    assert done.result().outcome == "looked"
+    assert line.journal.jobs["j"].result == done.result()
+    assert line.published.events == [("result", done.result().model_dump(mode="json"))]
+
+
+async def _pause(began: asyncio.Event, may_go_on: asyncio.Event) -> None:
+    began.set()
+    await may_go_on.wait()
+
+
+@pytest.mark.parametrize("error", [Fault(FaultCode.JOURNAL_FAILED), TypeError("not JSON")])
+async def test_a_look_that_cannot_be_noted_does_not_cost_the_result(tmp_path: Path, error: Exception) -> None:
+    async def body(job: JobContext) -> Outcome:
+        job.fire(Event.ACCEPTED)
+        job.note("look", {"tip": 1})
+        return Outcome("looked")
+
+    async with _line(tmp_path, body) as line:
+        line.journal.step_error = error
+        result = await line.do()
+        assert result.ok
+        assert line.journal.jobs["j"].result == result
+        assert line.latch.fault is None
 
 
 async def test_steps_progress_and_images_go_where_they_belong(tmp_path: Path) -> None:
