@@ -14,6 +14,8 @@ from pathlib import Path
 
 import structlog
 
+from daemon.platform.oldest import drop_oldest
+
 SCHEMA_VERSION = 2
 BUSY_MS = 5000
 """How long a write waits for somebody else's."""
@@ -47,6 +49,8 @@ CREATE INDEX alerts_at ON alerts(at);
 """,
 }
 """Version -> what makes the next one of it."""
+CORRUPT_KEPT, CORRUPT_BYTES = 5, 500_000_000
+"""Journals that were moved aside: so many are kept, and not more than this together."""
 _UNREADABLE = frozenset({sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB})
 _OPEN = "open"
 log = structlog.get_logger(__name__)
@@ -103,6 +107,12 @@ def move_aside(path: Path) -> Path:
         beside = path.with_name(path.name + tail)
         if beside.exists():
             beside.replace(moved.with_name(moved.name + tail))
+    moved.touch()  # the newest of its kind, however old its last row
+    for old in drop_oldest(
+        path.parent, f"{path.stem}-corrupt-*{path.suffix}", keep=CORRUPT_KEPT, keep_bytes=CORRUPT_BYTES
+    ):
+        for tail in ("-wal", "-shm"):
+            old.with_name(old.name + tail).unlink(missing_ok=True)
     return moved
 
 
