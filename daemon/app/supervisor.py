@@ -21,6 +21,7 @@ from daemon.domain.states import BUSY, State
 from daemon.jobs.context import StationContext
 from daemon.jobs.fault_latch import AXES, FaultLatch
 from daemon.jobs.station_lock import StationLock
+from daemon.station.conditions import conditions_of
 from daemon.station.device_errors import as_fault
 from daemon.station.devices import Hardware
 from daemon.station.kinematics import Geometry
@@ -71,11 +72,18 @@ class StationSupervisor:
 
     def refresh_context(self) -> None:
         """Lay out what jobs work with by the settings in force."""
-        if self._hardware is None:
-            return
+        self._fit_calibrations()
+        if self._hardware is not None:
+            self._lay_out(self._hardware)
+
+    def _lay_out(self, hardware: Hardware) -> None:
         config, board = self._settings.config, self._settings.board
         geometry = Geometry(config, board, self._calibrations)
-        self._context = StationContext(config, Station(config, self._hardware), board, self._calibrations, geometry)
+        self._context = StationContext(config, Station(config, hardware), board, self._calibrations, geometry)
+
+    def _fit_calibrations(self) -> None:
+        """Read what was measured for just these settings; of the rest it is said why it is not used."""
+        self._calibrations.fit_to(conditions_of(self._settings.config, self._settings.board))
 
     # --- opening and reset -----------------------------------------------------------------------------------
 
@@ -133,6 +141,7 @@ class StationSupervisor:
             fit = await self._open(deadline)
         else:
             fit = False
+            self._fit_calibrations()
             if await self._hardware.in_trouble(deadline):
                 self._latch.doubt(AXES)
             await self._settle_doubts(self._hardware, deadline)
@@ -152,9 +161,9 @@ class StationSupervisor:
 
     async def _open(self, deadline: Deadline) -> bool:
         """Open the devices; return whether the drives' self-test found them fit."""
-        self._calibrations.load()
+        self._fit_calibrations()
         self._hardware = hardware = await self._open_devices(self._settings.config, deadline)
-        self.refresh_context()
+        self._lay_out(hardware)
         log.info("station_open", camera=dict(hardware.camera.settings()))
         return all(axis.fit for axis in hardware.found.values())
 

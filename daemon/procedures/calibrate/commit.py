@@ -19,6 +19,7 @@ from daemon.jobs.context import JobContext, StationContext
 from daemon.platform.clock import utc_now
 from daemon.platform.oldest import drop_oldest
 from daemon.platform.subprocess import draw
+from daemon.station.conditions import conditions_of
 from daemon.storage.calibration_history import stamp
 from daemon.storage.calibration_records import Record
 from vision import ProbeModel
@@ -53,6 +54,7 @@ class Began:
             "probe": context.calibrations.fingerprint,
             "seconds": round(time.monotonic() - self.at_s, 2),
             "looks": job.looks - self.looks,
+            "conditions": conditions_of(context.config, context.board),
         }
 
 
