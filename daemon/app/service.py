@@ -69,6 +69,7 @@ class Service:
         for task in (*background, working):
             task.cancel()
         await asyncio.wait([working, *background])
+        await runtime.runner.refuse_waiting()
         with contextlib.suppress(Fault):  # what cannot be written even now is `interrupted` for the next daemon
             await runtime.runner.write_held_back()
         await runtime.monitor.close()
@@ -99,7 +100,7 @@ async def _open_and_work(runtime: Runtime) -> None:
     runtime.status_line.ready(await _last_result(runtime.journal))
     # Jobs come after: the first one would have to wait for it anyway.
     await asyncio.to_thread(warm_up)
-    await runtime.supervisor.first_check()
+    await runtime.supervisor.first_check(runtime.watchdog)
     await runtime.runner.run()
 
 

@@ -12,11 +12,11 @@ import zmq
 
 from daemon.domain.errors import Fault
 from daemon.platform.clock import utc_now
-from daemon.platform.shielded import to_the_end
 from daemon.server.auth import Authenticator
 from daemon.storage.journal import Journal
 from daemon.wire.events import Topic, event
 from daemon.wire.limits import EVENT_QUEUE
+from drivers.shielded import finish
 
 Count = Callable[[str, Mapping[str, Any]], None]
 BIND_AGAIN_S, GIVE_UP_S = 0.01, 5.0
@@ -85,16 +85,25 @@ class EventPublisher:
 
         Done to its end even if cancelled. Raises what `write` raises; then nothing is sent, and the number is free.
         """
-        return await to_the_end(self._write_and_send(topic, write))
+        sent = await finish(self._write_and_send(topic, write))
+        if isinstance(sent, Fault):
+            raise sent
+        return sent
 
-    async def _write_and_send(self, topic: Topic, write: Callable[[int], Awaitable[dict[str, Any]]]) -> int:
+    async def _write_and_send(self, topic: Topic, write: Callable[[int], Awaitable[dict[str, Any]]]) -> int | Fault:
+        """Return a `Fault` instead of raising it: a cancellation of who waits must win over it."""
         async with self._turn:
-            number = self._journal.lend_seq()
+            try:
+                number = self._journal.lend_seq()
+            except Fault as exc:
+                return exc
             held = self._held = deque[tuple[Topic, dict[str, Any]]](maxlen=EVENT_QUEUE)
             written = False
             try:
                 body = await write(number)
                 written = True
+            except Fault as exc:
+                return exc
             finally:
                 self._journal.settle_seq(used=written)
                 self._held = None

@@ -135,8 +135,13 @@ class Journal:
         if self._trouble is None:
             with suppress(Fault):
                 await self._run(lambda _db: self._file.require_room())
-        elif self._goes_on_by_itself:
+            if self._trouble is None:
+                return None
+        if self._goes_on_by_itself:
             await self._try(self._file.go_on)
+        else:
+            with suppress(sqlite3.Error, OSError):
+                await self._in_writer(self._file.rescue)
         return self._trouble
 
     async def mend(self) -> Fault | None:

@@ -148,6 +148,14 @@ class JournalFile:
             self.open()
         self.go_on()
 
+    def rescue(self) -> None:
+        """Put back a file that was deleted, so that a kill before the person comes loses nothing.
+
+        Where another file lies in its place, that waits for `mend`.
+        """
+        if self._db is not None and not self._damaged and self._is_unlinked() and not self._path.exists():
+            self._put_back(self._db)
+
     def _lost(self) -> bool:
         try:
             self.look_after()
@@ -213,7 +221,8 @@ class JournalFile:
     # --- the end ----------------------------------------------------------------------------------------------
 
     def close(self) -> None:
-        """Close it in order; one that is damaged, lost or read-only is left as it is."""
+        """Close it in order; one that is damaged, replaced or read-only is left as it is."""
+        self.rescue()
         if self._db is not None and self.is_writable and not self._damaged and not self._lost():
             close_file(self._db)
             self._db = None

@@ -195,6 +195,23 @@ async def test_a_deletion_is_seen_without_anybody_writing(tmp_path: Path) -> Non
     await journal.close()
 
 
+@pytest.mark.parametrize("spoil", [_delete, _delete_all, _move_away])
+@pytest.mark.parametrize("killed", [True, False])
+async def test_a_deleted_journal_is_whole_again_for_the_next_start_even_without_a_reset(
+    tmp_path: Path, spoil: Callable[[Path], None], killed: bool
+) -> None:
+    journal = await _kept(tmp_path)
+    spoil(tmp_path / "j.sqlite")
+    if killed:
+        assert await journal.check() is not None
+        left = _as_a_kill_leaves_it(tmp_path, tmp_path / "killed")
+        assert await journal.check() is not None, "it stays a fault until a person has seen it"
+    await journal.close()
+    again = await Journal.open(left if killed else tmp_path / "j.sqlite")
+    assert await again.job("done") is not None
+    await again.close()
+
+
 def _overwrite(path: Path) -> None:
     path.write_bytes(b"something else" * 1000)
 
