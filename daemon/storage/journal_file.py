@@ -184,6 +184,7 @@ class JournalFile:
 
     def _put_back(self, db: sqlite3.Connection) -> None:
         """Write what is in the open file to the path again; what lies there now is moved aside."""
+        self._path.parent.mkdir(parents=True, exist_ok=True)  # perhaps the folder was deleted, too
         whole = self._path.with_name(f"{self._path.name}-whole")
         whole.unlink(missing_ok=True)
         copy = sqlite3.connect(whole)

@@ -144,6 +144,10 @@ def _delete_all(path: Path) -> None:
         file.unlink()
 
 
+def _delete_folder(path: Path) -> None:
+    shutil.rmtree(path.parent)
+
+
 def _move_away(path: Path) -> None:
     path.rename(path.with_name("elsewhere"))
 
@@ -160,13 +164,14 @@ def _delete_wal(path: Path) -> None:
     path.with_name(f"{path.name}-wal").unlink()
 
 
-@pytest.mark.parametrize("spoil", [_delete, _delete_all, _move_away, _replace, _delete_wal])
+@pytest.mark.parametrize("spoil", [_delete, _delete_all, _delete_folder, _move_away, _replace, _delete_wal])
 async def test_a_journal_that_was_deleted_takes_no_job_and_a_reset_puts_it_back_whole(
     tmp_path: Path, spoil: Callable[[Path], None]
 ) -> None:
-    journal = await _kept(tmp_path)
+    folder = tmp_path / "data"
+    journal = await _kept(folder)
     await journal.add_job("open", "home", "{}")
-    spoil(tmp_path / "j.sqlite")
+    spoil(folder / "j.sqlite")
     with pytest.raises(Fault) as refused:
         await journal.add_job("a", "home", "{}")
     assert refused.value.kind is FaultCode.JOURNAL_FAILED
@@ -176,7 +181,7 @@ async def test_a_journal_that_was_deleted_takes_no_job_and_a_reset_puts_it_back_
     await journal.add_job("a", "home", "{}")
     number = journal.take_seq()
     await journal.close()
-    again = await Journal.open(tmp_path / "j.sqlite")
+    again = await Journal.open(folder / "j.sqlite")
     stored = await again.job("done")
     assert stored is not None
     assert stored.result is not None, "what was accepted moves no second time"
