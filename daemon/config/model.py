@@ -147,6 +147,9 @@ class LightsSection(Section):
     white: int = Field(default=0, ge=0, le=31, description="coil (modbus, from 0) or channel (serial, from 1)")
     red: int = Field(default=1, ge=0, le=31)
     settle_ms: NotNegative = Field(default=40.0, description="relay and lamp are steady after this")
+    dark_level: float = Field(
+        default=60.0, ge=0.0, le=255.0, description="with both lamps off nothing is brighter; 0: not looked at"
+    )
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
