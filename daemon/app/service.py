@@ -17,6 +17,7 @@ import structlog
 from daemon.app.housekeeping import keep_house
 from daemon.app.runtime import Runtime, put_together
 from daemon.config.model import Config
+from daemon.platform.descriptors import raise_limit
 from daemon.platform.memory import few_arenas
 from vision.warm import warm_up
 
@@ -39,6 +40,7 @@ class Service:
     async def run(self) -> None:
         """Serve until told to stop; whatever was opened is closed again, in the opposite order."""
         few_arenas()
+        raise_limit()
         async with AsyncExitStack() as stack:
             runtime = await put_together(self._config, self._path, stack)
             loop = asyncio.get_running_loop()

@@ -65,7 +65,7 @@ class ControlSocket:
         # A client that comes back under its name is served at once. With keys nobody may take a name that is in use.
         self._socket.setsockopt(zmq.ROUTER_HANDOVER, int(not guard.curve))
         guard.protect(self._socket)
-        bind(self._socket, api.control)
+        self._limit = bind(self._socket, api.control)
         self._broken: asyncio.Future[None] | None = None
         self._pending: set[asyncio.Task[None]] = set()
         self._held: Counter[str] = Counter()
@@ -98,6 +98,7 @@ class ControlSocket:
 
     def close(self) -> None:
         """Close the socket."""
+        self._limit.close()
         self._socket.close()
 
     def _stirred(self) -> None:

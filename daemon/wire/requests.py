@@ -21,12 +21,12 @@ Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[\w.+:/@#-]+
 JobId = Annotated[str, Field(min_length=1, max_length=128, description="the caller's idempotency key")]
 
 
-def _whole(value: Any) -> Any:
+def whole(value: Any) -> Any:
     """Return a number that is written with a point, but is whole, as JSON has it: `5.0` is an integer."""
     return int(value) if type(value) is float and value.is_integer() else value
 
 
-Whole = Annotated[int, BeforeValidator(_whole)]
+Whole = Annotated[int, BeforeValidator(whole)]
 Px = Annotated[float, Field(ge=-1e5, le=1e5, allow_inf_nan=False)]
 Um = Annotated[float, Field(ge=-1e7, le=1e7, allow_inf_nan=False)]
 

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Final, Literal, Self, TypeVar
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from daemon.domain.results import JobResult
 from daemon.wire.example_parts import RESULT
 from daemon.wire.operations.row import DefaultDeadline, Operation
 from daemon.wire.replies import Reply
-from daemon.wire.requests import JobRequest, Name, Px, Um, Whole
+from daemon.wire.requests import JobRequest, Name, Px, Um, Whole, whole
 
 T = TypeVar("T")
 Pair = Annotated[tuple[T, T], Field(strict=False)]
@@ -78,7 +78,7 @@ class Calibrate(JobRequest):
     theta_deg: float = Field(
         default=0.0, ge=0.0, lt=360.0, allow_inf_nan=False, description="map, surface, backlash: head angle"
     )
-    angles: Annotated[Whole, Field(ge=6, le=1000)] | None = Field(
+    angles: Annotated[int, Field(ge=6, le=1000), BeforeValidator(whole)] | None = Field(
         default=None, description="rotation: so many angles, evenly spread"
     )
     every_deg: float | None = Field(
