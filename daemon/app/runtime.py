@@ -145,6 +145,7 @@ def _make_work(base: _Base) -> _Work:
             publisher=base.sockets.events, images=images, procedures=PROCEDURES, context=supervisor.context,
             limits=lambda: _limits(settings.config), observer=monitor,
             watchdog=Watchdog(base.notifier.feed, base.notifier.feed_every_s), on_result=base.status_line.on_result,
+            refusal=base.sockets.authenticator.refusal,
         )
     )  # fmt: skip
     return _Work(calibrations, images, supervisor, monitor, runner)

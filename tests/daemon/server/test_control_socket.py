@@ -17,6 +17,7 @@ import zmq.asyncio
 
 from daemon.client import Client, NoAnswer, NotLetIn, Refused, Subscription
 from daemon.config.model import ApiSection
+from daemon.domain.errors import FaultCode
 from daemon.domain.roles import ROLES, Caller, Role
 from daemon.platform.clock import utc_now
 from daemon.server.auth import Authenticator
@@ -169,6 +170,19 @@ async def test_a_key_taken_back_is_refused_also_on_an_open_connection(
         assert [op for op, _ in served.station.asked] == ["status"]
         with pytest.raises(NotLetIn):
             await served.by(lambda c: c.request("status"), keys["maintain"])
+
+
+def test_what_a_waiting_job_may_is_asked_of_the_list_as_it_is_now(tmp_path: Path, keys: dict[Role, PrivateKey]) -> None:
+    guard = Authenticator("maintain", Keyring(tmp_path / "keys", {}))
+    assert [guard.refusal(f"the-{role}", "home") is None for role in keys] == [False, False, True]
+    lowered = guard.refusal("the-operate", "home")
+    assert lowered is not None
+    assert lowered.kind is FaultCode.NOT_ALLOWED
+    revoke(tmp_path / "keys", "the-maintain")
+    gone = guard.refusal("the-maintain", "home")
+    assert gone is not None
+    assert gone.kind is FaultCode.KEY_REVOKED
+    assert Authenticator("operate").refusal("anybody", "place") is None
 
 
 def _heard(subscription: Subscription, name: str) -> bool:
