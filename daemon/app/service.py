@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import signal
+from collections.abc import Callable, Coroutine
 from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,8 @@ from daemon.platform.descriptors import raise_limit
 from daemon.platform.memory import few_arenas
 from vision.warm import warm_up
 
+AGAIN_S = 30.0
+"""Pause before a part that failed is started again."""
 log = structlog.get_logger(__name__)
 
 
@@ -86,15 +89,28 @@ def _background(runtime: Runtime) -> list[asyncio.Task[None]]:
         asyncio.create_task(beat, name="heartbeat"),
         asyncio.create_task(runtime.supervisor.run(), name="supervise"),
         asyncio.create_task(runtime.reloader.run(busy=lambda: latch.running is not None), name="reload"),
-        asyncio.create_task(keep_house(latch, runtime.metrics), name="housekeeping"),
-        asyncio.create_task(runtime.monitor.run(), name="maintenance"),
+        asyncio.create_task(_lasting("housekeeping", lambda: keep_house(latch, runtime.metrics)), name="housekeeping"),
+        asyncio.create_task(_lasting("maintenance", runtime.monitor.run), name="maintenance"),
     ]
+
+
+async def _lasting(part: str, run: Callable[[], Coroutine[Any, Any, None]]) -> None:
+    """Run a part that nothing needs to move safely; an error of its own starts it again and ends no daemon."""
+    while True:
+        try:
+            return await run()
+        except Exception:
+            log.exception("part_failed", part=part, again_in_s=AGAIN_S)
+            await asyncio.sleep(AGAIN_S)
 
 
 async def _open_and_work(runtime: Runtime) -> None:
     await runtime.supervisor.open()
     runtime.status_line.ready(await runtime.journal.last_result())
     # Jobs come after: the first one would have to wait for it anyway.
-    await asyncio.to_thread(warm_up)
+    try:
+        await asyncio.to_thread(warm_up)
+    except Exception:
+        log.exception("part_failed", part="warming up")  # the first look takes longer, and that is all
     await runtime.supervisor.first_check()
     await runtime.runner.run()

@@ -1,4 +1,4 @@
-"""Reading of a small plain file: neither a pipe, which would be waited for without end, nor a device, nor a huge one."""
+"""Reading of a small plain file: no pipe, which would be waited for without end, no device, and no huge file."""
 
 from __future__ import annotations
 
