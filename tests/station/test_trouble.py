@@ -83,7 +83,7 @@ def _lit(rig: Rig) -> bool:
     on: dict[str, bool] = {}
     for line in (rig.places.out / "truth.jsonl").read_text().splitlines():
         said = json.loads(line)
-        if said.get("what", said.get("kind")) == "light":
+        if said["event"] == "light":
             on[said["lamp"]] = said["on"]
     return any(on.values())
 

@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import pytest
 import zmq
@@ -92,7 +92,7 @@ class Forgetful:
         self._thread = threading.Thread(target=self._serve)
         self._thread.start()
 
-    def __enter__(self) -> Forgetful:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
