@@ -61,7 +61,7 @@ class Announcer:
     async def beat(self, state: Callable[[], State], every_s: Callable[[], float]) -> None:
         """Publish the heartbeat until cancelled."""
         while True:
-            await self._journal.reserve_seqs()
+            await self._reserve_seqs()
             self._publisher.publish("heartbeat", {"state": state().value, "version": self._version})
             await asyncio.sleep(every_s())
 
@@ -72,8 +72,18 @@ class Announcer:
             return
         self._status_line.note(RELOADED[what].format(problems=_some(facts.get("problems"))))
         self._notifier.ready(self._status_line.line())
-        await self._journal.reserve_seqs()
+        await self._reserve_seqs()
         self._publisher.publish("log", {"event": f"configuration_{what}", **facts})
+
+    async def _reserve_seqs(self) -> None:
+        """Reserve event numbers; a full disk is told by the jobs and must not end the daemon.
+
+        Half a block is left when this fails for the first time: enough for an hour in which no job runs.
+        """
+        try:
+            await self._journal.reserve_seqs()
+        except Fault as disk:
+            log.error("event_numbers_not_reserved", error=disk.message)
 
     async def report_interrupted(self) -> None:
         """Give each job that a crash or a kill cut off its result: a fault; nothing moves."""

@@ -51,6 +51,7 @@ class Runtime:
     metrics: Metrics
     journal: Journal
     latch: FaultLatch
+    watchdog: Watchdog
     supervisor: StationSupervisor
     monitor: Monitor
     runner: JobRunner
@@ -79,6 +80,7 @@ class _Base:
     notifier: Notifier
     latch: FaultLatch
     lock: StationLock
+    watchdog: Watchdog
     status_line: StatusLine
 
 
@@ -114,8 +116,8 @@ async def put_together(config: Config, path: Path | None, stack: AsyncExitStack)
         announcer.tell_of_reload,
     )
     return Runtime(
-        base.settings, base.notifier, base.metrics, base.journal, base.latch, work.supervisor, work.monitor,
-        work.runner, base.status_line, announcer, control, reloader,
+        base.settings, base.notifier, base.metrics, base.journal, base.latch, base.watchdog, work.supervisor,
+        work.monitor, work.runner, base.status_line, announcer, control, reloader,
     )  # fmt: skip
 
 
@@ -130,9 +132,11 @@ async def _make_base(config: Config, stack: AsyncExitStack) -> _Base:
     notifier = Notifier.from_environment()
     stack.callback(notifier.close)
     latch = FaultLatch()
+    watchdog = Watchdog(notifier.feed, notifier.feed_every_s)
     return _Base(
-        program, settings, journal, metrics, sockets, notifier, latch, StationLock(), StatusLine(latch, notifier)
-    )
+        program, settings, journal, metrics, sockets, notifier, latch, StationLock(), watchdog,
+        StatusLine(latch, notifier),
+    )  # fmt: skip
 
 
 def _make_work(base: _Base) -> _Work:
@@ -146,7 +150,7 @@ def _make_work(base: _Base) -> _Work:
             station=station.name, latch=base.latch, lock=base.lock, journal=base.journal,
             publisher=base.sockets.events, images=images, procedures=PROCEDURES, context=supervisor.context,
             limits=lambda: _limits(settings.config), observer=monitor,
-            watchdog=Watchdog(base.notifier.feed, base.notifier.feed_every_s), on_result=base.status_line.on_result,
+            watchdog=base.watchdog, on_result=base.status_line.on_result,
             refusal=base.sockets.authenticator.refusal,
         )
     )  # fmt: skip

@@ -72,6 +72,7 @@ class Service:
         for task in (*background, working):
             task.cancel()
         await asyncio.wait([working, *background])
+        await runtime.runner.refuse_waiting()
         await runtime.monitor.close()
         await runtime.control.drain(within_s=1.0)
         answering.cancel()
@@ -112,5 +113,5 @@ async def _open_and_work(runtime: Runtime) -> None:
         await asyncio.to_thread(warm_up)
     except Exception:
         log.exception("part_failed", part="warming up")  # the first look takes longer, and that is all
-    await runtime.supervisor.first_check()
+    await runtime.supervisor.first_check(runtime.watchdog)
     await runtime.runner.run()

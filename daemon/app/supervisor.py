@@ -20,7 +20,9 @@ from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.states import BUSY, State
 from daemon.jobs.context import StationContext
 from daemon.jobs.fault_latch import AXES, FaultLatch
+from daemon.jobs.runner import EXCLUSIVE_WITHIN_S
 from daemon.jobs.station_lock import StationLock
+from daemon.jobs.watchdog import Watchdog
 from daemon.station.darkness import require_dark
 from daemon.station.device_errors import as_fault
 from daemon.station.devices import Hardware
@@ -39,6 +41,8 @@ FRESH_WITHIN_S = 1.5
 """What a camera that is well may take at most for a picture."""
 LOOK_EVERY_S = 20.0
 """At rest a picture is looked at this often, and once after every job that took some: both lamps are off."""
+ASK_AGAIN_S = 0.1
+"""How often a reset that waits looks whether a job has begun before it."""
 CHECK_EVERY_S = 2.0
 CHECK_WITHIN_S = 2.0
 DOUBT = "reference_doubt"
@@ -99,9 +103,8 @@ class StationSupervisor:
 
         Returns what still speaks against work; then nothing was cleared. Raises `Fault` (busy) while a job runs.
         """
-        if self._lock.holder == "job" or self._latch.state in BUSY:
-            raise Fault(FaultCode.BUSY, "a job runs; cancel it first")
-        async with self._lock.hold("reset"):
+        self._refuse_beside_job()
+        async with self._lock.hold("reset", every_s=ASK_AGAIN_S, still_waiting=self._refuse_beside_job):
             taken = self._latch.causes
             try:
                 await self._make_fit(taken)
@@ -109,6 +112,11 @@ class StationSupervisor:
                 return self._still_in_fault(taken, exc)
             self._latch.clear(taken)
             return None
+
+    def _refuse_beside_job(self) -> None:
+        """Refuse a reset while a job runs, also one that began while the reset waited."""
+        if self._lock.holder == "job" or self._latch.state in BUSY:
+            raise Fault(FaultCode.BUSY, "a job runs; cancel it first")
 
     def _still_in_fault(self, taken: tuple[Fault, ...], error: Exception) -> Fault:
         """Latch what was found in front of what was latched before, and return it."""
@@ -173,7 +181,7 @@ class StationSupervisor:
     async def _check_cause(self, cause: Fault) -> None:
         """Raise if the cause of a fault is still there that no device knows of."""
         if cause.kind is FaultCode.JOURNAL_FAILED:
-            await self._journal.keep(DOUBT, {"axes": sorted(self._latch.doubtful)})
+            await self._journal.try_room()
 
     async def _settle_doubts(self, hardware: Hardware, deadline: Deadline) -> None:
         """Take the reference from every axis in doubt; one that is known to have lost it is in doubt no longer."""
@@ -201,8 +209,8 @@ class StationSupervisor:
             async with self._lock.hold("health check"):
                 if self._latch.state is State.IDLE:
                     await self._check_health()
-                elif self._latch.doubtful:
-                    await self._forget_homing(self._hardware)
+                else:
+                    await self._stop_what_runs(self._hardware)
             await self._check_darkness()
 
     async def _rest(self) -> None:
@@ -254,11 +262,24 @@ class StationSupervisor:
     def _looked(self, hardware: Hardware) -> None:
         self._seen, self._look_again_s = hardware.camera.statistics().delivered, time.monotonic() + LOOK_EVERY_S
 
-    async def first_check(self) -> None:
-        """Ask the drives once all is up: what the self-test of the start left out is read now."""
-        async with self._lock.hold("health check"):
+    async def first_check(self, watchdog: Watchdog) -> None:
+        """Ask the drives once all is up: what the self-test of the start left out is read now.
+
+        No job loop runs yet, so the watchdog is fed here while resets are before it.
+        """
+        waiting = watchdog.patience(EXCLUSIVE_WITHIN_S, lambda: self._lock.turns)
+        async with self._lock.hold("health check", every_s=watchdog.every_s, still_waiting=waiting):
             await self._check_health()
         await self._check_darkness()
+
+    async def _stop_what_runs(self, hardware: Hardware) -> None:
+        """Stop a drive that could not be told to when its job failed, and write the doubts, as soon as they answer."""
+        try:
+            await hardware.gantry.halt_unstopped()
+        except DeviceError as exc:
+            log.error("axis_may_still_run", error=str(exc))
+        if self._latch.doubtful:
+            await self._forget_homing(hardware)
 
     async def _forget_homing(self, hardware: Hardware) -> None:
         """Write the doubt into the drives as soon as they answer."""

@@ -34,6 +34,7 @@ from daemon.wire.deadline import due_at_s
 from daemon.wire.operations.jobs import AnyJob
 from daemon.wire.operations.table import OPERATIONS
 from drivers.deadline import Deadline
+from drivers.shielded import finish
 
 DARK_WITHIN_S = 2.0
 EXCLUSIVE_WITHIN_S = 60.0
@@ -126,8 +127,10 @@ class JobRunner:
         self._open[request.id] = ticket
         try:
             await self._journal.add_job(request.id, request.op, canonical)
-        except BaseException:
-            del self._open[request.id]
+        except BaseException as exc:
+            self._open.pop(request.id, None)
+            # Who sent the same id meanwhile waits for this ticket, and would wait without end.
+            _refuse(ticket.done, exc)
             raise
         self._waiting.put(client, ticket)
         return ticket.done
@@ -165,10 +168,11 @@ class JobRunner:
 
     async def run(self) -> None:
         """Run jobs until cancelled; cancelling stops the one under way safely."""
+        lock = self._with.lock
         while True:
             ticket = await self._next()
-            waiting = self._watchdog.patience(EXCLUSIVE_WITHIN_S)
-            async with self._with.lock.hold("job", every_s=self._watchdog.every_s, still_waiting=waiting):
+            waiting = self._watchdog.patience(EXCLUSIVE_WITHIN_S, lambda: lock.turns)
+            async with lock.hold("job", every_s=self._watchdog.every_s, still_waiting=waiting):
                 self._watchdog.begin(ticket.due_s)
                 running = asyncio.create_task(self._run_one(ticket), name=f"job {ticket.request.id}")
                 try:
@@ -196,12 +200,10 @@ class JobRunner:
 
     async def _run_one(self, ticket: _Ticket) -> None:
         """Run one job and tell everybody how it ended."""
-        await self._journal.reserve_seqs()
         self._running = ticket
         request = ticket.request
         self._progress = None
-        keep_step, tell = self._keep_step(request.id), self._tell_progress(request)
-        job = ticket.job = JobContext(request, Deadline(ticket.due_s), self._latch.fire, keep_step, tell)
+        job = ticket.job = self._job_context(ticket)
         with structlog.contextvars.bound_contextvars(job=request.id, op=request.op):
             try:
                 outcome, fault = await self._outcome(ticket, job), None
@@ -213,13 +215,27 @@ class JobRunner:
                 if fault.kind is FaultCode.INTERNAL:
                     log.exception("job_failed_internally")
                 forget_frames(exc)
-            await self._finish(ticket, job, outcome, fault)
+            # A job that came to its end is answered even if the daemon is told to stop while that is written down.
+            await finish(self._finish(ticket, job, outcome, fault))
+
+    def _job_context(self, ticket: _Ticket) -> JobContext:
+        keep_step, tell = self._keep_step(ticket.request.id), self._tell_progress(ticket.request)
+        return JobContext(ticket.request, Deadline(ticket.due_s), self._latch.fire, keep_step, tell)
+
+    async def refuse_waiting(self) -> None:
+        """Answer the jobs that never began because the daemon stops; `run` must be over."""
+        for ticket in tuple(self._open.values()):
+            job = self._job_context(ticket)
+            fault = Fault(FaultCode.SHUTTING_DOWN, "the daemon was stopped before the job began")
+            await self._finish(ticket, job, job.partial, fault)
 
     async def _outcome(self, ticket: _Ticket, job: JobContext) -> Outcome:
         """Do what the job asks for; take the machine's last transition however it ends."""
         end = Event.ON_TARGET
         latched: Fault | None = None
+        met: Fault | None = None
         try:
+            await self._journal.reserve_seqs()
             if ticket.cancelled:
                 raise Fault(FaultCode.CANCELLED, "cancelled before it began")
             context = self._admit(ticket)
@@ -229,21 +245,21 @@ class JobRunner:
             end = Event.CANCELLED
             raise
         except Exception as exc:
-            fault = as_fault(exc)
-            end = self._ending(fault)
-            latched = self._latched_by(fault)
+            met = as_fault(exc)
+            end = self._ending(met)
+            latched = self._latched_by(met)
             raise
         finally:
             # The job's own trouble came first; that the lights then failed too is usually its consequence.
             lights = await self._lights_off(job)
-            self._latch.end(end, latched or lights)
+            self._latch.end(end, latched or lights, passing=met)
 
     def _latched_by(self, fault: Fault) -> Fault | None:
-        """Return what keeps the daemon in fault: a latched fault, or that homing began and did not end."""
+        """Return what keeps the daemon in fault: a latched fault, or that homing moved something and did not end."""
         if fault.kind.latched:
             return fault
         began = self._latch.running
-        homing = began is not None and began[0] == "home"
+        homing = began is not None and began[0] == "home" and self._latch.state is not State.TRIGGERED
         return Fault(FaultCode.NOT_HOMED, f"homing ended early: {fault.message}") if homing else None
 
     def _admit(self, ticket: _Ticket) -> StationContext:
@@ -352,7 +368,11 @@ class JobRunner:
 
     async def _keep_pictures(self, folder: Path, job: JobContext, result: JobResult) -> None:
         """Keep the pictures; that they cannot be kept any more, or can again, is an alert."""
-        await self._with.images.keep(folder, job, result)
+        try:
+            await self._with.images.keep(folder, job, result)
+        except Exception:  # what is kept of a job that was answered must not end the job loop
+            log.exception("images_failed_internally", folder=str(folder))
+            return
         # Told each time: an alert of a daemon before this one may stand, whose cause is gone.
         self._with.observer.on_flag("pictures_not_kept", self._with.images.full)
 
@@ -396,3 +416,10 @@ class JobRunner:
         if ticket.task is not None:
             ticket.task.cancel()
         return ticket.request.id
+
+
+def _refuse(done: asyncio.Future[JobResult], why: BaseException) -> None:
+    """Refuse a job to those who wait for it; that nobody may wait for it is no error."""
+    if not done.done():
+        done.set_exception(as_fault(why) if isinstance(why, Exception) else Fault(FaultCode.SHUTTING_DOWN))
+        done.exception()

@@ -1,6 +1,6 @@
 """Catalogue of watches, as data: what each follows, when a change matters, what restarts it, what to do.
 
-A new watch is a line here and a stream of that name (`daemon.maintenance.streams`).
+A new watch is a line here and a stream of that name (`signals`, `device_signals`, `image_metrics`).
 """
 
 from __future__ import annotations

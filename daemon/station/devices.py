@@ -14,8 +14,8 @@ from drivers.bus import Line, ModbusBus, OdAddressing, SerialLine, TcpLine
 from drivers.camera import Camera, CameraConfig, StreamCamera, V4L2Camera
 from drivers.deadline import Deadline
 from drivers.errors import DeviceError, EmergencyStop, LimitHit, MotionError
-from drivers.gantry import Gantry, GantryConfig
-from drivers.l4118 import Axis, AxisConfig, AxisFindings, AxisHealth, HomingConfig
+from drivers.gantry import AxisCondition, Gantry, GantryConfig, SelfTest
+from drivers.l4118 import Axis, AxisConfig, HomingConfig
 from drivers.lights import Light, Lights, ModbusRelayLights, SerialRelayLights
 
 THETA_WINDOW_DEG = 0.03
@@ -35,7 +35,7 @@ class Hardware:
         camera: Camera,
         buses: Mapping[str, ModbusBus],
         stack: AsyncExitStack,
-        found: Mapping[str, AxisFindings],
+        found: Mapping[str, SelfTest],
     ) -> None:
         self.gantry = gantry
         self.found = found
@@ -43,7 +43,7 @@ class Hardware:
         self.buses = buses
         self.lights = lights
         self.camera = camera
-        self.axes: tuple[AxisHealth, ...] = ()
+        self.axes: tuple[AxisCondition, ...] = ()
         """What the drives said of themselves when they were last asked."""
         self._stack = stack
 
@@ -82,7 +82,7 @@ class Hardware:
             log.error("not_closed", error=str(exc), remaining_s=deadline.remaining_s)
 
 
-def _trouble(axis: AxisHealth) -> MotionError | None:
+def _trouble(axis: AxisCondition) -> MotionError | None:
     on_limit = axis.homed and (axis.negative_limit or axis.positive_limit)
     return axis.trouble() or (LimitHit("stands on a limit switch", device=axis.name) if on_limit else None)
 

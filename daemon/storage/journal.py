@@ -15,17 +15,22 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
+import structlog
+
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.results import JobResult
 from daemon.platform.clock import utc_now
 from daemon.storage.journal_schema import close_file, is_damage, open_file, set_meta
 
+log = structlog.get_logger(__name__)
 SEQ_BLOCK = 1000
 JOBS_KEPT = 200_000
 REPORTS_KEPT = 50_000
 ALERTS_KEPT = 10_000
 TRIM_EACH = 2_000
 """At most so many rows of a table go at once: the writer thread must not be held up."""
+ROOM, ROOM_BYTES = "room", 1_000_000
+"""Name and size of what is written to see whether the disk has room again."""
 T = TypeVar("T")
 
 
@@ -72,13 +77,20 @@ class Journal:
         return journal
 
     async def close(self) -> None:
-        """Give unused numbers back, write all and close; a file found damaged is left to be looked through."""
+        """Give unused numbers back, write all and close; a file found damaged is left to be looked through.
+
+        On a full disk the numbers are not given back, and nothing else is lost.
+        """
         try:
             if self._damaged:
                 await self._run(lambda db: db.close())
                 return
-            await self._run(lambda db: set_meta(db, "next_seq", self._next_seq))
-            await self._run(close_file)
+            try:
+                await self._run(lambda db: set_meta(db, "next_seq", self._next_seq))
+                await self._run(close_file)
+            except Fault as disk:
+                log.error("journal_not_closed_in_order", error=disk.message)
+                await self._run(lambda db: db.close())
         finally:
             self._writer.shutdown()
 
@@ -200,6 +212,14 @@ class Journal:
         """Keep one thing under a name, instead of what was kept there; `body` must not change meanwhile."""
         sql = "INSERT INTO kept VALUES (?, ?) ON CONFLICT(key) DO UPDATE SET body=excluded.body"
         await self._run(lambda db: db.execute(sql, (key, json.dumps(body))))
+
+    async def try_room(self) -> None:
+        """Write and remove as much as a job may need: raise `Fault` if the disk has no room for it.
+
+        Something small may find room in pages that are free by chance, where the next job then finds none.
+        """
+        await self.keep(ROOM, {"filler": "x" * ROOM_BYTES})
+        await self._run(lambda db: db.execute("DELETE FROM kept WHERE key=?", (ROOM,)))
 
     async def kept(self, key: str) -> dict[str, Any] | None:
         """Return what is kept under a name; None for nothing, or for what cannot be read."""

@@ -1,8 +1,10 @@
-"""The machine's coordinates, settings and what lies outside of them. No I/O."""
+"""Coordinates and settings of the machine, and what it needs of each axis. No I/O."""
 
 from dataclasses import dataclass
+from typing import Protocol
 
-from drivers.errors import EnvelopeViolation
+from drivers.deadline import Deadline
+from drivers.errors import EnvelopeViolation, MotionError
 
 # The head must never be between these angles (thesis, head angle 101..139 deg plus one degree each side)
 THETA_LAST_DEG = 100.0
@@ -55,3 +57,132 @@ def axis_theta_deg(theta_deg: float) -> float:
         return head_deg - 360.0
     text = f"head angle {head_deg:.4f} deg is in the forbidden band {THETA_LAST_DEG:g}..{THETA_FIRST_DEG:g}"
     raise EnvelopeViolation(text, device=_GANTRY, advice="Turn the other way round, or use another angle.")
+
+
+class AxisSettings(Protocol):
+    """What is read of an axis' settings; lengths in the axis' own unit, um or deg."""
+
+    @property
+    def name(self) -> str:
+        """What errors and log lines call it."""
+
+    @property
+    def min_units(self) -> float:
+        """Lowest allowed coordinate."""
+
+    @property
+    def max_units(self) -> float:
+        """Highest allowed coordinate."""
+
+    @property
+    def window_units(self) -> float:
+        """How far from the target it may report to be after a move."""
+
+    @property
+    def poll_s(self) -> float:
+        """Time between two looks at the drive while waiting for it."""
+
+
+class SelfTest(Protocol):
+    """What the start of an axis settled."""
+
+    @property
+    def fit(self) -> bool:
+        """Whether nothing speaks against work: no error, no fault, not on a limit switch."""
+
+
+class AxisCondition(Protocol):
+    """What an axis says of itself."""
+
+    @property
+    def name(self) -> str:
+        """Which axis."""
+
+    @property
+    def homed(self) -> bool:
+        """Whether its drive still has its reference."""
+
+    @property
+    def error_code(self) -> int:
+        """The drive's own error code, zero when there is none."""
+
+    @property
+    def error_meaning(self) -> str:
+        """The same in words."""
+
+    @property
+    def warning(self) -> bool:
+        """Whether the drive warns."""
+
+    @property
+    def negative_limit(self) -> bool:
+        """Whether it stands on its lower limit switch."""
+
+    @property
+    def positive_limit(self) -> bool:
+        """Whether it stands on its upper limit switch."""
+
+    @property
+    def following_error_units(self) -> float | None:
+        """How far it is behind its set-point; None when the drive does not tell."""
+
+    def trouble(self) -> MotionError | None:
+        """Give the error that it stands in, None when it shows none; a limit switch is not among them."""
+
+
+class GantryAxis(Protocol):
+    """One axis, whatever drive moves it: what `drivers.gantry.driver` asks of it.
+
+    Targets are absolute, in the axis' own unit. The docstrings of `drivers.l4118.Axis` say what each call may raise.
+    A drive of another make is a class like that one; nothing else of the gantry knows about drives.
+    """
+
+    @property
+    def config(self) -> AxisSettings:
+        """Its settings."""
+
+    async def start(self, deadline: Deadline) -> SelfTest:
+        """Identify the drive and set it up. Moves nothing; a drive found running is halted."""
+
+    async def homed(self, deadline: Deadline) -> bool:
+        """Ask the drive, never a memory of it, whether it has its reference; raise EmergencyStop when it lost it."""
+
+    async def position(self, deadline: Deadline) -> float:
+        """Give where it is."""
+
+    async def health(self, deadline: Deadline) -> AxisCondition:
+        """Collect what the drive says of itself."""
+
+    def check(self, target_units: float) -> None:
+        """Raise EnvelopeViolation for a target out of range."""
+
+    async def begin_move(self, target_units: float, deadline: Deadline) -> None:
+        """Start a move; returns when the drive has taken the target."""
+
+    async def arrived(self, deadline: Deadline) -> bool:
+        """Look at the move begun before; raise what made it fail."""
+
+    async def home(self, deadline: Deadline) -> None:
+        """Find the reference, and keep in the drive that it was found."""
+
+    async def forget_homing(self, deadline: Deadline) -> None:
+        """Take that mark away from the drive, and read back that it is gone."""
+
+    async def reset_fault(self, deadline: Deadline) -> None:
+        """Clear a fault; raise what it is when its cause remains. Moves nothing."""
+
+    async def quick_stop(self) -> None:
+        """Stop at once, with a deadline of its own."""
+
+    @property
+    def unstopped(self) -> bool:
+        """Whether it was to stop and its drive could not be told so."""
+
+    async def halt(self) -> None:
+        """Ramp down and stand, with a deadline of its own; raise what prevents it."""
+
+    async def halt_if_possible(self) -> None:
+        """Stop as the answer to another failure: what goes wrong here is only logged."""
+
+    def release(self) -> None:
+        """Allow moves again after a stop."""

@@ -9,9 +9,8 @@ import structlog
 
 from drivers.deadline import Deadline
 from drivers.errors import DeadlinePassed, MotionError, MotionTimeout, NotHomed, Stalled
-from drivers.gantry.contract import GantryConfig, Position, axis_theta_deg
+from drivers.gantry.contract import AxisCondition, GantryAxis, GantryConfig, Position, SelfTest, axis_theta_deg
 from drivers.gantry.path import Ends, Leg, plan
-from drivers.l4118 import Axis, AxisFindings, AxisHealth
 from drivers.shielded import finish
 
 AXES = ("x", "y", "z", "theta")
@@ -25,7 +24,7 @@ class Gantry:
     A failure, an expired deadline or a cancelled caller halts all four axes before it is raised.
     """
 
-    def __init__(self, axes: Mapping[str, Axis], config: GantryConfig) -> None:
+    def __init__(self, axes: Mapping[str, GantryAxis], config: GantryConfig) -> None:
         """Take the axes by the names x, y, z and theta."""
         if set(axes) != set(AXES):
             raise ValueError(f"a gantry needs the axes {', '.join(AXES)}; got {', '.join(sorted(axes))}")
@@ -43,7 +42,7 @@ class Gantry:
         self._log = structlog.get_logger().bind(device=_NAME)
 
     # ------------------------------------------------------------------ looks
-    async def start(self, deadline: Deadline) -> Mapping[str, AxisFindings]:
+    async def start(self, deadline: Deadline) -> Mapping[str, SelfTest]:
         """Identify and set up all drives. Moves nothing; a drive found running is halted."""
         return {name: await axis.start(deadline) for name, axis in self._axes.items()}
 
@@ -59,7 +58,7 @@ class Gantry:
         at = {name: await axis.position(deadline) for name, axis in self._axes.items()}
         return Position(at["x"], at["y"], at["z"], at["theta"])
 
-    async def health(self, deadline: Deadline) -> tuple[AxisHealth, ...]:
+    async def health(self, deadline: Deadline) -> tuple[AxisCondition, ...]:
         """Give what each drive says of itself, in the order x, y, z, theta."""
         return tuple([await axis.health(deadline) for axis in self._axes.values()])
 
@@ -162,6 +161,12 @@ class Gantry:
             self._log.error("gantry.quick_stop_failed", cause=str(failure))
         if failures:
             raise failures[0]
+
+    async def halt_unstopped(self) -> None:
+        """Halt the axes whose drives could not be told to stop when they were to; raise what still prevents it."""
+        for axis in self._axes.values():
+            if axis.unstopped:
+                await axis.halt()
 
     async def forget_homing(self, deadline: Deadline, axes: Iterable[str] = AXES) -> None:
         """Make axes need their homing run again; what moves the machine refuses until then.

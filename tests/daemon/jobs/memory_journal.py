@@ -45,6 +45,9 @@ class MemoryJournal:
         self._write()
         self.things[key] = body
 
+    async def try_room(self) -> None:
+        self._write()
+
     async def kept(self, key: str) -> dict[str, Any] | None:
         return self.things.get(key)
 

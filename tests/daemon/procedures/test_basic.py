@@ -10,6 +10,7 @@ from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.states import Event
 from daemon.procedures.registry import PROCEDURES
 from daemon.station.station import Search
+from daemon.wire.operations.table import OPERATIONS
 from drivers.errors import EnvelopeViolation, Stalled
 from drivers.gantry import Position
 from tests.daemon.procedures.fake_station import BELOW_PX, Ran, World, a_board, begin, run
@@ -31,7 +32,7 @@ async def _failed(world: World, request: dict[str, object], ran: Ran | None = No
 
 
 def test_every_job_has_the_procedure_of_its_operation() -> None:
-    assert set(PROCEDURES) == {"correct", "place", "look", "align", "calibrate", "home"}
+    assert set(PROCEDURES) == {row.op for row in OPERATIONS.rows if row.is_job}
 
 
 @pytest.mark.parametrize("op", sorted(PROCEDURES))

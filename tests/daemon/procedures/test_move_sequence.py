@@ -42,10 +42,10 @@ async def test_the_first_move_follows_a_look_and_every_other_one_a_verification(
 
 async def test_every_move_is_journalled_as_its_target(world: World, ran: Ran) -> None:
     world.gantry.off_um = (3.0, 4.0, 0.0)
-    reached = await MoveSequence(ran.job, world.context).go(shifted(HERE, dx_um=0.126))
+    reached = await MoveSequence(ran.job, world.context).go(shifted(HERE, dx_um=0.126, dy_um=0.006))
     await ran.job.settle()
-    assert ran.steps == [("move", {"x_um": 50_000.13, "y_um": 40_000.0, "theta_deg": 10.0})]
-    assert (reached.x_um, reached.y_um) == pytest.approx((50_003.126, 40_004.0))
+    assert ran.steps == [("move", {"x_um": 50_000.13, "y_um": 40_000.01, "theta_deg": 10.0})]
+    assert (reached.x_um, reached.y_um) == pytest.approx((50_003.126, 40_004.006))
 
 
 async def test_axes_come_from_below_unless_told_otherwise(world: World, ran: Ran) -> None:

@@ -3,6 +3,7 @@
 import json
 import os
 from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -209,3 +210,47 @@ def test_a_rotation_that_could_not_be_stored_leaves_its_run_to_go_on(store: Cali
     ):
         store.store(record)
     assert Partial.read(store.folder) == _partial(store, record)
+
+
+# --- what must be there -------------------------------------------------------------------------------------------
+
+WORK_Z_UM = 5200.0
+DAY_S = 86_400.0
+
+
+def _mapped(store: Calibrations, age_s: float = 0.0) -> Calibrations:
+    made_at = datetime.now(UTC) - timedelta(seconds=age_s)
+    store.store(_of(store, map_record, made_at=made_at.isoformat(timespec="milliseconds")))
+    return store
+
+
+def _refused(ask: Callable[[], object]) -> Fault:
+    with pytest.raises(Fault) as caught:
+        ask()
+    assert caught.value.kind is FaultCode.NOT_CALIBRATED
+    return caught.value
+
+
+def test_what_was_never_calibrated_is_asked_for_by_name(tmp_path: Path, store: Calibrations) -> None:
+    assert "taught" in _refused(Calibrations(tmp_path / "none", "s1").require_probe).message
+    assert store.require_probe() is store.probe
+    assert "map" in _refused(lambda: store.require_map(1.0, WORK_Z_UM)).message
+
+
+@pytest.mark.parametrize(("age_days", "good"), [(0.0, True), (1.99, True), (2.01, False)])
+def test_a_map_is_good_for_its_days(store: Calibrations, age_days: float, *, good: bool) -> None:
+    assert _mapped(store, age_days * DAY_S).pose_map is not None
+    height_um = store.pose_map.work_z_um
+    if good:
+        assert store.require_map(2.0, height_um) is store.pose_map
+    else:
+        assert "2 days old" in _refused(lambda: store.require_map(2.0, height_um)).message
+
+
+@pytest.mark.parametrize(("off_um", "good"), [(1.0, True), (-1.0, True), (1.5, False), (-1.5, False)])
+def test_a_map_is_good_at_the_height_where_it_was_made(store: Calibrations, off_um: float, *, good: bool) -> None:
+    made_um = _mapped(store).in_force.pose_map.work_z_um
+    if good:
+        assert store.require_map(2.0, made_um + off_um) is store.pose_map
+    else:
+        assert _refused(lambda: store.require_map(2.0, made_um + off_um)).detail["was"] == made_um

@@ -1,9 +1,11 @@
 """What was written is found again, and numbers are never given twice."""
 
+import resource
 import shutil
 import sqlite3
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -71,6 +73,41 @@ async def test_numbers_go_on_after_a_clean_stop_and_never_repeat_after_a_kill(tm
     journal = await Journal.open(left)
     assert first[-1] + 1 < journal.upcoming_seq <= first[-1] + 1 + SEQ_BLOCK
     await journal.close()
+
+
+@contextmanager
+def _files_up_to(size_bytes: int) -> Iterator[None]:
+    """Let no file of this process grow beyond a size, as on a disk that is full."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size_bytes, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+async def test_a_disk_with_room_for_little_is_still_full(tmp_path: Path) -> None:
+    journal = await Journal.open(tmp_path / "j.sqlite")
+    await journal.keep("a", {"n": 1})
+    with _files_up_to((tmp_path / "j.sqlite-wal").stat().st_size + 100_000):
+        await journal.keep("a", {"n": 2})
+        with pytest.raises(Fault) as caught:
+            await journal.try_room()
+    assert caught.value.kind is FaultCode.JOURNAL_FAILED
+    await journal.try_room()
+    assert await journal.kept("room") is None, "it leaves nothing behind"
+    await journal.close()
+
+
+async def test_a_stop_on_a_full_disk_is_a_stop_and_no_number_repeats_after_it(tmp_path: Path) -> None:
+    journal = await Journal.open(tmp_path / "j.sqlite")
+    await journal.reserve_seqs()
+    used = [journal.take_seq() for _ in range(5)]
+    with _files_up_to((tmp_path / "j.sqlite-wal").stat().st_size):
+        await journal.close()
+    again = await Journal.open(tmp_path / "j.sqlite")
+    assert again.take_seq() > used[-1]
+    await again.close()
 
 
 async def test_reports_add_up(tmp_path: Path) -> None:
