@@ -24,6 +24,7 @@ from daemon.jobs.runner import EXCLUSIVE_WITHIN_S
 from daemon.jobs.station_lock import StationLock
 from daemon.jobs.watchdog import Watchdog
 from daemon.station.conditions import conditions_of
+from daemon.station.darkness import require_dark
 from daemon.station.device_errors import as_fault
 from daemon.station.devices import Hardware
 from daemon.station.kinematics import Geometry
@@ -32,11 +33,15 @@ from daemon.station.station import Station
 from daemon.storage.calibration_store import Calibrations
 from daemon.storage.journal import Journal
 from drivers.deadline import Deadline
-from drivers.errors import DeviceError
+from drivers.errors import CameraError, DeviceError
 
 OPEN_WITHIN_S = 20.0
 FRAME_WITHIN_S = 8.0
-"""What a camera that was lost may take to come back, once its cause is gone."""
+"""What a camera that is opened again may take until its first picture."""
+FRESH_WITHIN_S = 1.5
+"""What a camera that is well may take at most for a picture."""
+LOOK_EVERY_S = 20.0
+"""At rest a picture is looked at this often, and once after every job that took some: both lamps are off."""
 ASK_AGAIN_S = 0.1
 """How often a reset that waits looks whether a job has begun before it."""
 CHECK_EVERY_S = 2.0
@@ -64,6 +69,9 @@ class StationSupervisor:
         self._open_devices = open_devices
         self._hardware: Hardware | None = None
         self._context: StationContext | None = None
+        self._seen = -1
+        """How many pictures the camera had delivered when one was looked at last."""
+        self._look_again_s = 0.0
 
     @property
     def hardware(self) -> Hardware | None:
@@ -115,7 +123,7 @@ class StationSupervisor:
         async with self._lock.hold("reset", every_s=ASK_AGAIN_S, still_waiting=self._refuse_beside_job):
             taken = self._latch.causes
             try:
-                await self._make_fit(taken)
+                await self._make_fit()
             except Exception as exc:  # noqa: BLE001  # whatever keeps the station closed becomes its fault
                 return self._still_in_fault(taken, exc)
             self._latch.clear(taken)
@@ -138,7 +146,7 @@ class StationSupervisor:
         log.error("station_not_ready", error=found.message, advice=found.advice)
         return found
 
-    async def _make_fit(self, taken: tuple[Fault, ...]) -> None:
+    async def _make_fit(self) -> None:
         """Open the devices if need be, and see that they are fit to work; raise what is wrong.
 
         What needs a person is asked last: `not_homed` means that everything else is well.
@@ -159,8 +167,7 @@ class StationSupervisor:
         await self._settle_doubts(hardware, deadline)
         if not fit:
             await hardware.check_health(deadline)
-        for cause in taken:
-            await self._check_cause(cause, hardware)
+            await self._see(hardware)
         if not await hardware.gantry.homed(deadline):
             raise Fault(FaultCode.NOT_HOMED)
         # Behind all that speaks against moving: the journal's trouble may be over at any time, by itself.
@@ -175,13 +182,20 @@ class StationSupervisor:
         log.info("station_open", camera=dict(hardware.camera.settings()))
         return all(axis.fit for axis in hardware.found.values())
 
-    async def _check_cause(self, cause: Fault, hardware: Hardware) -> None:
-        """Raise if the cause of a fault is still there that the drives know nothing of."""
-        match cause.kind:
-            case FaultCode.CAMERA_FAILED:
-                await hardware.camera.frame_after(time.monotonic(), Deadline.after(FRAME_WITHIN_S))
-            case _:
-                pass
+    async def _see(self, hardware: Hardware) -> None:
+        """Raise unless a fresh picture comes, and it is dark; a camera that gives none is opened again first.
+
+        Whatever was latched: a camera may have failed since without anybody having asked it for a picture.
+        """
+        limit = self._settings.config.lights.dark_level
+        try:
+            await require_dark(hardware, limit, Deadline.after(FRESH_WITHIN_S))
+        except CameraError as exc:
+            log.warning("camera_opened_again", error=str(exc))
+            await hardware.camera.close()
+            await hardware.camera.open(Deadline.after(FRAME_WITHIN_S))
+            await require_dark(hardware, limit, Deadline.after(FRAME_WITHIN_S))
+        self._looked(hardware)
 
     async def _settle_doubts(self, hardware: Hardware, deadline: Deadline) -> None:
         """Take the reference from every axis in doubt; one that is known to have lost it is in doubt no longer."""
@@ -211,6 +225,7 @@ class StationSupervisor:
                     await self._check_health()
                 else:
                     await self._stop_what_runs(self._hardware)
+            await self._check_darkness()
 
     async def _rest(self) -> None:
         """Wait for the next check, or for an axis that came into doubt: that is written down at once."""
@@ -231,6 +246,36 @@ class StationSupervisor:
             log.error("station_lost", error=fault.message)
             self._latch.latch(fault)
 
+    async def _check_darkness(self) -> None:
+        """Look whether a lamp shines at rest, if it is time to; that becomes the station's fault.
+
+        The lock is not held: no job waits for a picture of ours. What a job does meanwhile makes the picture void.
+        """
+        hardware = self._hardware
+        if hardware is None or not self._at_rest() or not self._time_to_look(hardware):
+            return
+        seen = hardware.camera.statistics().delivered
+        self._looked(hardware)
+        try:
+            await require_dark(hardware, self._settings.config.lights.dark_level, Deadline.after(FRESH_WITHIN_S))
+        except CameraError as exc:
+            log.debug("darkness_not_seen", error=str(exc))
+        except Exception as exc:  # noqa: BLE001  # whatever the picture tells becomes the station's fault
+            if self._at_rest() and hardware.camera.statistics().delivered == seen + 1:
+                fault = _latched(as_fault(exc))
+                log.error("light_at_rest", error=fault.message)
+                self._latch.latch(fault)
+        self._looked(hardware)
+
+    def _at_rest(self) -> bool:
+        return self._lock.holder is None and self._latch.state is State.IDLE
+
+    def _time_to_look(self, hardware: Hardware) -> bool:
+        return hardware.camera.statistics().delivered != self._seen or time.monotonic() >= self._look_again_s
+
+    def _looked(self, hardware: Hardware) -> None:
+        self._seen, self._look_again_s = hardware.camera.statistics().delivered, time.monotonic() + LOOK_EVERY_S
+
     async def first_check(self, watchdog: Watchdog) -> None:
         """Ask the drives once all is up: what the self-test of the start left out is read now.
 
@@ -239,6 +284,7 @@ class StationSupervisor:
         waiting = watchdog.patience(EXCLUSIVE_WITHIN_S, lambda: self._lock.turns)
         async with self._lock.hold("health check", every_s=watchdog.every_s, still_waiting=waiting):
             await self._check_health()
+        await self._check_darkness()
 
     async def _stop_what_runs(self, hardware: Hardware) -> None:
         """Stop a drive that could not be told to when its job failed, and write the doubts, as soon as they answer."""

@@ -84,6 +84,8 @@ class Surroundings:
     """The limits in force; read with every request."""
     observer: JobObserver = field(default_factory=JobObserver)
     watchdog: Watchdog = field(default_factory=Watchdog)
+    refusal: Callable[[str, str], Fault | None] = lambda _client, _op: None
+    """Why a client may not have an operation run any more, asked again when its job's turn has come."""
     on_result: Callable[[JobResult], None] = lambda _result: None
     """Called with every result, once it has been published."""
 
@@ -302,6 +304,9 @@ class JobRunner:
         """Begin: ask once more what speaks against the job, go to `triggered`, and check the deadline again."""
         request = ticket.request
         refuse_in_fault(self._latch.against(request.op))
+        refusal = self._with.refusal(ticket.client, request.op)
+        if refusal is not None:
+            raise refusal
         context = self._with.context()
         if context is None:
             raise Fault(FaultCode.IN_FAULT, "the station is not open")

@@ -289,6 +289,68 @@ async def test_a_fault_that_the_drives_know_nothing_of_is_asked_for_where_it_is(
     assert station.latch.state is State.IDLE
 
 
+async def test_a_reset_opens_a_camera_again_that_gives_no_picture_whatever_was_latched(station: Station) -> None:
+    await station.supervisor.open()
+    station.latch.latch(Fault(FaultCode.LINK_LOST))
+    station.hardware.errors["frame"] = CameraError("gives no more pictures", device="camera")
+
+    async def gate(what: str) -> None:
+        if what == "open camera":
+            station.hardware.errors.clear()
+
+    station.watch(gate)
+    assert await station.supervisor.reset() is None
+    assert station.hardware.did[-5:-1] == ["frame", "close camera", "open camera", "frame"]
+    assert station.latch.state is State.IDLE
+
+
+async def test_a_reset_does_not_end_a_fault_while_the_camera_gives_nothing(station: Station) -> None:
+    await station.supervisor.open()
+    station.latch.latch(Fault(FaultCode.LINK_LOST))
+    station.hardware.errors["frame"] = CameraError("gives no more pictures", device="camera")
+    still = await station.supervisor.reset()
+    assert still is not None
+    assert [cause.kind for cause in station.latch.causes] == [FaultCode.CAMERA_FAILED, FaultCode.LINK_LOST]
+
+
+async def test_a_lamp_that_shines_at_rest_is_a_fault_until_a_picture_is_dark(
+    station: Station, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daemon.app.supervisor.CHECK_EVERY_S", 0.001)
+    await station.supervisor.open()
+    looking = asyncio.create_task(station.supervisor.run())
+    await _until(lambda: station.hardware.delivered == 1)
+    await _until(lambda: station.hardware.did.count("check_health") > 5)
+    assert (station.hardware.delivered, station.latch.state) == (1, State.IDLE), "nobody has used the lamps since"
+    station.hardware.lit_level = 90
+    station.hardware.delivered += 2  # a job took two pictures
+    await _until(lambda: station.latch.fault is not None)
+    looking.cancel()
+    assert station.latch.fault is not None
+    assert station.latch.fault.kind is FaultCode.LIGHT_FAILED
+    still = await station.supervisor.reset()
+    assert still is not None
+    assert still.kind is FaultCode.LIGHT_FAILED
+    station.hardware.lit_level = 5
+    assert await station.supervisor.reset() is None
+    assert station.latch.state is State.IDLE
+
+
+async def test_a_picture_taken_at_rest_is_void_once_a_job_has_begun_and_holds_none_up(station: Station) -> None:
+    await station.supervisor.open()
+    station.hardware.lit_level = 90
+
+    async def gate(what: str) -> None:
+        if what == "frame":
+            assert station.lock.holder is None
+            station.latch.begin("look", "l1")
+
+    station.watch(gate)
+    await station.supervisor.first_check(Watchdog())
+    assert "frame" in station.hardware.did
+    assert station.latch.fault is None
+
+
 async def test_a_journal_that_cannot_be_written_keeps_the_fault(station: Station) -> None:
     await station.supervisor.open()
     station.latch.latch(Fault(FaultCode.JOURNAL_FAILED))

@@ -111,7 +111,7 @@ class _Images:
 class _Line:
     """A runner at work whose procedures are given by the test."""
 
-    def __init__(self, folder: Path, body: Body | None = None) -> None:
+    def __init__(self, folder: Path, body: Body | None = None, **more: Any) -> None:
         self.did: list[str] = []
         self.body = body
         self.latch, self.journal, self.published = idle_latch(), MemoryJournal(), Published()
@@ -125,7 +125,7 @@ class _Line:
                 latch=self.latch, journal=self.journal, publisher=self.published, images=self.images,
                 observer=self.observer, context=lambda: self.context if self.open else None,
                 on_result=self.results.append, procedures=dict.fromkeys(("home", "place", "look"), self._run),
-                limits=lambda: replace(LIMITS, queue_length=30, queue_per_client=30),
+                limits=lambda: replace(LIMITS, queue_length=30, queue_per_client=30), **more,
             )
         )  # fmt: skip
 
@@ -149,8 +149,8 @@ class _Line:
 
 
 @asynccontextmanager
-async def _line(folder: Path, body: Body | None = None) -> AsyncIterator[_Line]:
-    line = _Line(folder, body)
+async def _line(folder: Path, body: Body | None = None, **more: Any) -> AsyncIterator[_Line]:
+    line = _Line(folder, body, **more)
     loop = asyncio.create_task(line.runner.run())
     try:
         yield line
@@ -306,6 +306,27 @@ async def test_cancelling_the_running_job_stops_motion_and_leaves_idle(tmp_path:
         assert result.error.name == "cancelled"
         assert (line.latch.state, line.latch.fault) == (State.IDLE, None)
     assert line.did == ["run j", "stop", "dark", "observed"]
+
+
+async def test_a_job_whose_clients_key_was_taken_back_while_it_waited_never_begins(tmp_path: Path) -> None:
+    gate = _Gate()
+    revoked: list[tuple[str, str]] = []
+
+    def refusal(client: str, op: str) -> Fault | None:
+        return Fault(FaultCode.KEY_REVOKED) if (client, op) in revoked else None
+
+    async with _line(tmp_path, gate, refusal=refusal) as line:
+        first = await line.ask(job_id="first", client="kim")
+        await gate.began.wait()
+        revoked.append(("kim", "home"))
+        waiting = await line.ask("home", job_id="waiting", client="kim")
+        others = await line.ask("home", job_id="others", client="lee")
+        gate.may_end.set()
+        assert (await first).ok, "what runs already is not torn away"
+        assert (await waiting).error.name == "key_revoked"
+        assert (await others).ok
+        assert line.latch.state is State.IDLE
+    assert [what for what in line.did if what.startswith("run")] == ["run first", "run others"]
 
 
 async def test_a_job_cancelled_while_it_waits_never_begins(tmp_path: Path) -> None:
