@@ -14,6 +14,7 @@ import zmq.asyncio
 from daemon.app.announcer import Announcer
 from daemon.app.journal_watch import JournalWatch
 from daemon.app.supervisor import StationSupervisor
+from daemon.app.touch_counter import TouchCounter
 from daemon.config.current import CurrentSettings
 from daemon.config.model import Config
 from daemon.config.reload import Change, Reloader
@@ -149,7 +150,12 @@ def _make_work(base: _Base) -> _Work:
     settings, station = base.settings, base.settings.config.station
     calibrations = Calibrations(station.data_dir / "calibration", station.name)
     images = ImageArchive(station.data_dir / "pictures", station.pictures, station.pictures_quota_mb)
-    supervisor = StationSupervisor(settings, base.latch, base.lock, calibrations, base.journal, open_hardware)
+    touches = TouchCounter(
+        base.journal, base.metrics, lambda: monitor, lambda: base.latch.running[1] if base.latch.running else None
+    )
+    supervisor = StationSupervisor(
+        settings, base.latch, base.lock, calibrations, base.journal, open_hardware, touches.touched
+    )
     monitor = Monitor(settings, calibrations, lambda: supervisor.hardware, base.journal, base.sockets.events)
     runner = JobRunner(
         Surroundings(
@@ -175,7 +181,7 @@ def _make_control(base: _Base, work: _Work, stack: AsyncExitStack) -> ControlSoc
         Collaborators(
             settings=base.settings, latch=base.latch, runner=work.runner, reset=work.supervisor.reset,
             calibrations=work.calibrations, images=work.images, metrics=base.metrics, monitor=work.monitor,
-            journal=base.journal, vitals=vitals.read,
+            journal=base.journal, vitals=vitals.read, needle=work.supervisor.needle,
         )
     )  # fmt: skip
     sockets = base.sockets

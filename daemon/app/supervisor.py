@@ -28,6 +28,7 @@ from daemon.station.darkness import require_dark
 from daemon.station.device_errors import as_fault
 from daemon.station.devices import Hardware
 from daemon.station.kinematics import Geometry
+from daemon.station.needle import Needle
 from daemon.station.safe_shutdown import UNSURE, shut_down
 from daemon.station.station import Station
 from daemon.storage.calibration_store import Calibrations
@@ -63,10 +64,13 @@ class StationSupervisor:
         calibrations: Calibrations,
         journal: Journal,
         open_devices: OpenDevices,
+        on_touch: Callable[[], None] = lambda: None,
     ) -> None:
         self._settings, self._latch, self._lock = settings, latch, lock
         self._calibrations, self._journal = calibrations, journal
         self._open_devices = open_devices
+        self.needle = Needle(lambda: "z" in latch.doubtful, on_touch)
+        """Where the needle is, as far as the drives have told since the daemon started."""
         self._hardware: Hardware | None = None
         self._context: StationContext | None = None
         self._seen = -1
@@ -91,7 +95,8 @@ class StationSupervisor:
     def _lay_out(self, hardware: Hardware) -> None:
         config, board = self._settings.config, self._settings.board
         geometry = Geometry(config, board, self._calibrations)
-        self._context = StationContext(config, Station(config, hardware), board, self._calibrations, geometry)
+        station = Station(config, hardware, self.needle)
+        self._context = StationContext(config, station, board, self._calibrations, geometry)
 
     def _fit_calibrations(self) -> None:
         """Read what was measured for just these settings; of the rest it is said why it is not used."""
@@ -123,7 +128,7 @@ class StationSupervisor:
         async with self._lock.hold("reset", every_s=ASK_AGAIN_S, still_waiting=self._refuse_beside_job):
             taken = self._latch.causes
             try:
-                await self._make_fit()
+                await self._make_fit(taken)
             except Exception as exc:  # noqa: BLE001  # whatever keeps the station closed becomes its fault
                 return self._still_in_fault(taken, exc)
             self._latch.clear(taken)
@@ -139,14 +144,15 @@ class StationSupervisor:
         found = _latched(as_fault(error))
         if found.kind is FaultCode.INTERNAL:
             log.error("opening_failed_internally", exc_info=error)
-        if found.kind is FaultCode.NOT_HOMED:
-            self._latch.replace(taken, found)  # asked for last: all else is known to be well
+        if found.kind in (FaultCode.NOT_HOMED, FaultCode.NEEDLE_DOWN):
+            # Asked for last: all else is known to be well, but for a needle that nobody has raised.
+            self._latch.replace((cause for cause in taken if cause.kind is not FaultCode.NEEDLE_DOWN), found)
         else:
             self._latch.put_first(found)
         log.error("station_not_ready", error=found.message, advice=found.advice)
         return found
 
-    async def _make_fit(self) -> None:
+    async def _make_fit(self, taken: tuple[Fault, ...]) -> None:
         """Open the devices if need be, and see that they are fit to work; raise what is wrong.
 
         What needs a person is asked last: `not_homed` means that everything else is well.
@@ -169,10 +175,21 @@ class StationSupervisor:
             await hardware.check_health(deadline)
             await self._see(hardware)
         if not await hardware.gantry.homed(deadline):
+            self.needle.forget()
             raise Fault(FaultCode.NOT_HOMED)
+        await self._require_needle_up(taken, deadline)
         # Behind all that speaks against moving: the journal's trouble may be over at any time, by itself.
         if trouble is not None:
             raise trouble
+
+    async def _require_needle_up(self, taken: tuple[Fault, ...], deadline: Deadline) -> None:
+        """Raise if the needle is down, or was and nobody has raised it since; nothing moves here."""
+        assert self._context is not None  # noqa: S101  # made with the hardware
+        await self._context.station.read_position(deadline)
+        if not self.needle.is_up:
+            raise self.needle.fault("it is below the height of looks")
+        if any(cause.kind is FaultCode.NEEDLE_DOWN for cause in taken):
+            raise self.needle.fault("only a lift settles that it is up")
 
     async def _open(self, deadline: Deadline) -> bool:
         """Open the devices; return whether the drives' self-test found them fit."""
@@ -200,6 +217,8 @@ class StationSupervisor:
     async def _settle_doubts(self, hardware: Hardware, deadline: Deadline) -> None:
         """Take the reference from every axis in doubt; one that is known to have lost it is in doubt no longer."""
         doubtful = sorted(self._latch.doubtful)
+        if doubtful:
+            self.needle.forget()
         errors: list[DeviceError] = []
         for axis in doubtful:
             try:

@@ -72,6 +72,13 @@ class CalibrationState(Told):
     not_used: dict[str, str] = Field(description="kind -> why its file is not used")
 
 
+class NeedleState(Told):
+    """Where the needle is, as far as the drives have told."""
+
+    place: str = Field(description="up, down (below the height of looks) or unknown")
+    z_um: float | None = Field(description="height that Z last reported; null while the place is unknown")
+
+
 class StatusReply(Reply):
     """What the daemon is doing."""
 
@@ -83,6 +90,7 @@ class StatusReply(Reply):
     queued: int = Field(description="jobs that wait")
     calibration: CalibrationState
     pictures: str = Field(description="kept, or why they are not")
+    needle: NeedleState
 
 
 class Links(Told):
@@ -97,7 +105,7 @@ class SnapshotReply(StatusReply):
 
     next_seq: int = Field(description="the number the next event will carry")
     last_result: JobResult | None
-    touches: int = Field(description="reported so far")
+    touches: int = Field(description="reported so far, and made by the daemon itself")
     links: Links
 
 
@@ -126,7 +134,7 @@ AnyControl = Cancel | Reset | Status | Snapshot | Result | Results
 
 _STATUS: Final[dict[str, Any]] = {
     "station": "station-1", "state": "idle", "lifecycle": "ready", "fault": None, "running": None, "queued": 0,
-    "pictures": "kept",
+    "pictures": "kept", "needle": NeedleState(place="up", z_um=5200.0).model_dump(),
     "calibration": {"tip": True, "map_made_at": AT, "made_at": {"map": AT}, "aligned": True, "not_used": {}},
 }  # fmt: skip
 ROWS: Final = (

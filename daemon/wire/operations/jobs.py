@@ -1,4 +1,4 @@
-"""Operations that are jobs: correct, place, look, align, calibrate, home. Their bodies are `daemon.procedures`.
+"""Operations that are jobs: correct, place, look, align, calibrate, home, lift. Their bodies are `daemon.procedures`.
 
 The request carries `id`, the caller's idempotency key.
 """
@@ -108,9 +108,15 @@ class Calibrate(JobRequest):
 
 
 class Home(JobRequest):
-    """Home all axes; the only request that leaves the fault `not_homed`."""
+    """Home all axes, Z first and up; the only request that leaves the fault `not_homed`."""
 
     op: Literal["home"]
+
+
+class Lift(JobRequest):
+    """Raise the needle straight up to the safe height from wherever it is; leaves the fault `needle_down`."""
+
+    op: Literal["lift"]
 
 
 class JobReply(Reply):
@@ -121,7 +127,7 @@ class JobReply(Reply):
     result: JobResult | None = Field(default=None, description="left out while there is none")
 
 
-AnyJob = Correct | Place | Look | Align | Calibrate | Home
+AnyJob = Correct | Place | Look | Align | Calibrate | Home | Lift
 """Every request of a job, for the type checker; in the order of the rows."""
 
 _TAKEN: Final[dict[str, Any]] = {"accepted": True}
@@ -187,6 +193,15 @@ ROWS: Final = (
                 "error_after_um": None, "looks": 0,
             },
         },
+    ),
+    Operation(
+        request=Lift,
+        reply=JobReply,
+        least_role="operate",
+        deadline=DefaultDeadline.JOB,
+        outcomes=("lifted",),
+        example={"id": "lift-1"},
+        example_reply=_TAKEN | {"id": "lift-1"},
     ),
 )  # fmt: skip
 """One row per job, in the order of the page."""

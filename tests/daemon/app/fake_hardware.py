@@ -39,6 +39,7 @@ class FakeHardware:
             statistics=lambda: SimpleNamespace(delivered=self.delivered),
         )  # fmt: skip
         self.moving = False
+        self.z_um = 12_000.0
         self.unstopped = False
 
     async def _ask(self, what: str) -> None:
@@ -83,7 +84,7 @@ class FakeHardware:
 
     async def position(self, _deadline: Any) -> Any:
         await self._ask("position")
-        return SimpleNamespace(x_um=0.0, y_um=0.0, z_um=12_000.0, theta_deg=0.0)
+        return SimpleNamespace(x_um=0.0, y_um=0.0, z_um=self.z_um, theta_deg=0.0)
 
     async def set(self, _light: Any, _deadline: Any) -> None:
         await self._ask("light")

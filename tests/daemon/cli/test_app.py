@@ -68,7 +68,9 @@ def test_a_second_daemon_on_the_same_sockets_is_told_so(station: Path, tmp_path:
     assert "another daemon" in output
 
 
-@pytest.mark.parametrize("command", [["status"], ["trigger", "TP1", "--timeout-s", "0.2"], ["home"], ["reset"]])
+@pytest.mark.parametrize(
+    "command", [["status"], ["trigger", "TP1", "--timeout-s", "0.2"], ["home"], ["lift"], ["reset"]]
+)
 def test_without_a_daemon_the_tester_is_told_so(command: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("daemon.cli.tester.ANSWER_WITHIN_S", 0.2)
     code, output = _run(*command, "--endpoint", NOBODY)
