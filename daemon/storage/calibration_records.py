@@ -151,6 +151,8 @@ class SurfaceRecord(Made):
     """The plane below the probe."""
 
     what: Literal["surface"] = "surface"
+    board: str | None = None
+    """Whose surface it is; older records do not say."""
     touches: tuple[Touch, ...]
     residuals_um: tuple[float, ...]
     surface: dict[str, Any]

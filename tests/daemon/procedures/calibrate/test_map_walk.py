@@ -50,8 +50,13 @@ REQUEST = {"op": "calibrate", "what": "map", "test_point": "A"}
 WALK = sum(count for _, count in RINGS)
 
 
+FREE_AT_WORK = {"surface_range_um": 100.0}
+"""Working height is free of any surface that is possible: heights are no matter here."""
+
+
 def _world(folder: Path, **changes: dict[str, Any]) -> World:
-    return World(folder, a_board(("A", 10_000.0, 5_000.0)), changes).teach()
+    free = changes | {"gantry": FREE_AT_WORK | changes.get("gantry", {})}
+    return World(folder, a_board(("A", 10_000.0, 5_000.0)), free).teach()
 
 
 @pytest.fixture
