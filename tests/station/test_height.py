@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from daemon.client import Client
+from daemon.client import Client, Refused
 from daemon.domain.results import JobResult
 from tests.station.rig import Rig, running_rig
 
@@ -128,7 +128,8 @@ def test_a_z_that_loses_steps_while_pressed_drags_nothing_over_the_board(rig: Ri
         assert surface.error is not None
         assert surface.error.name == "axis_stalled"
         assert _dragged_um(truths) < 2.0
-        assert not client.job("place", test_point="TP8").ok
+        with pytest.raises(Refused, match="did not lift"):
+            client.job("place", test_point="TP8")
         rig.bench.ask("fault", name="stall", on=False)
         client.request("reset")
         assert client.job("home").ok
