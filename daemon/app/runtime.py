@@ -11,6 +11,7 @@ from pathlib import Path
 import zmq.asyncio
 
 from daemon.app.announcer import Announcer
+from daemon.app.journal_watch import JournalWatch
 from daemon.app.supervisor import StationSupervisor
 from daemon.config.current import CurrentSettings
 from daemon.config.model import Config
@@ -49,11 +50,13 @@ class Runtime:
     metrics: Metrics
     journal: Journal
     latch: FaultLatch
+    watchdog: Watchdog
     supervisor: StationSupervisor
     monitor: Monitor
     runner: JobRunner
     status_line: StatusLine
     announcer: Announcer
+    journal_watch: JournalWatch
     control: ControlSocket
     reloader: Reloader
 
@@ -77,6 +80,7 @@ class _Base:
     notifier: Notifier
     latch: FaultLatch
     lock: StationLock
+    watchdog: Watchdog
     status_line: StatusLine
 
 
@@ -102,6 +106,10 @@ async def put_together(config: Config, path: Path | None, stack: AsyncExitStack)
     )
     base.latch.subscribe(announcer.on_change)
     work = _make_work(base)
+    journal_watch = JournalWatch(
+        base.journal, base.latch, work.monitor,
+        announcer.report_interrupted, work.monitor.load, work.runner.write_held_back,
+    )  # fmt: skip
     control = _make_control(base, work, stack)
     stack.push_async_callback(work.supervisor.release)
     reloader = Reloader(
@@ -112,8 +120,8 @@ async def put_together(config: Config, path: Path | None, stack: AsyncExitStack)
         announcer.tell_of_reload,
     )
     return Runtime(
-        base.settings, base.notifier, base.metrics, base.journal, base.latch, work.supervisor, work.monitor,
-        work.runner, base.status_line, announcer, control, reloader,
+        base.settings, base.notifier, base.metrics, base.journal, base.latch, base.watchdog, work.supervisor,
+        work.monitor, work.runner, base.status_line, announcer, journal_watch, control, reloader,
     )  # fmt: skip
 
 
@@ -128,9 +136,11 @@ async def _make_base(config: Config, stack: AsyncExitStack) -> _Base:
     notifier = Notifier.from_environment()
     stack.callback(notifier.close)
     latch = FaultLatch()
+    watchdog = Watchdog(notifier.feed, notifier.feed_every_s)
     return _Base(
-        program, settings, journal, metrics, sockets, notifier, latch, StationLock(), StatusLine(latch, notifier)
-    )
+        program, settings, journal, metrics, sockets, notifier, latch, StationLock(), watchdog,
+        StatusLine(latch, notifier),
+    )  # fmt: skip
 
 
 def _make_work(base: _Base) -> _Work:
@@ -144,7 +154,7 @@ def _make_work(base: _Base) -> _Work:
             station=station.name, latch=base.latch, lock=base.lock, journal=base.journal,
             publisher=base.sockets.events, images=images, procedures=PROCEDURES, context=supervisor.context,
             limits=lambda: _limits(settings.config), observer=monitor,
-            watchdog=Watchdog(base.notifier.feed, base.notifier.feed_every_s), on_result=base.status_line.on_result,
+            watchdog=base.watchdog, on_result=base.status_line.on_result,
         )
     )  # fmt: skip
     return _Work(calibrations, images, supervisor, monitor, runner)

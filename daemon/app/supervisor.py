@@ -20,7 +20,10 @@ from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.states import BUSY, State
 from daemon.jobs.context import StationContext
 from daemon.jobs.fault_latch import AXES, FaultLatch
+from daemon.jobs.runner import EXCLUSIVE_WITHIN_S
 from daemon.jobs.station_lock import StationLock
+from daemon.jobs.watchdog import Watchdog
+from daemon.station.conditions import conditions_of
 from daemon.station.device_errors import as_fault
 from daemon.station.devices import Hardware
 from daemon.station.kinematics import Geometry
@@ -34,6 +37,8 @@ from drivers.errors import DeviceError
 OPEN_WITHIN_S = 20.0
 FRAME_WITHIN_S = 8.0
 """What a camera that was lost may take to come back, once its cause is gone."""
+ASK_AGAIN_S = 0.1
+"""How often a reset that waits looks whether a job has begun before it."""
 CHECK_EVERY_S = 2.0
 CHECK_WITHIN_S = 2.0
 DOUBT = "reference_doubt"
@@ -71,29 +76,43 @@ class StationSupervisor:
 
     def refresh_context(self) -> None:
         """Lay out what jobs work with by the settings in force."""
-        if self._hardware is None:
-            return
+        self._fit_calibrations()
+        if self._hardware is not None:
+            self._lay_out(self._hardware)
+
+    def _lay_out(self, hardware: Hardware) -> None:
         config, board = self._settings.config, self._settings.board
         geometry = Geometry(config, board, self._calibrations)
-        self._context = StationContext(config, Station(config, self._hardware), board, self._calibrations, geometry)
+        self._context = StationContext(config, Station(config, hardware), board, self._calibrations, geometry)
+
+    def _fit_calibrations(self) -> None:
+        """Read what was measured for just these settings; of the rest it is said why it is not used."""
+        self._calibrations.fit_to(conditions_of(self._settings.config, self._settings.board))
 
     # --- opening and reset -----------------------------------------------------------------------------------
 
     async def open(self) -> None:
         """Open the devices for the first time; what keeps the station closed becomes its fault."""
-        kept = await self._journal.kept(DOUBT)
-        self._latch.doubt(axis for axis in AXES if kept is not None and axis in kept.get("axes", ()))
+        self._latch.doubt(await self._kept_doubts())
         await self.reset()
         self._latch.opened()
+
+    async def _kept_doubts(self) -> list[str]:
+        """Return the axes that were in doubt when the daemon before this one ended; all, if nobody can read that."""
+        try:
+            kept = await self._journal.kept(DOUBT) or {}
+        except Fault as exc:
+            log.error("doubts_not_read", error=exc.message)
+            return list(AXES)
+        return [axis for axis in AXES if axis in kept.get("axes", ())]
 
     async def reset(self) -> Fault | None:
         """Open what is not open, clear what the drives hold, and clear the faults latched so far if nothing is wrong.
 
         Returns what still speaks against work; then nothing was cleared. Raises `Fault` (busy) while a job runs.
         """
-        if self._lock.holder == "job" or self._latch.state in BUSY:
-            raise Fault(FaultCode.BUSY, "a job runs; cancel it first")
-        async with self._lock.hold("reset"):
+        self._refuse_beside_job()
+        async with self._lock.hold("reset", every_s=ASK_AGAIN_S, still_waiting=self._refuse_beside_job):
             taken = self._latch.causes
             try:
                 await self._make_fit(taken)
@@ -101,6 +120,11 @@ class StationSupervisor:
                 return self._still_in_fault(taken, exc)
             self._latch.clear(taken)
             return None
+
+    def _refuse_beside_job(self) -> None:
+        """Refuse a reset while a job runs, also one that began while the reset waited."""
+        if self._lock.holder == "job" or self._latch.state in BUSY:
+            raise Fault(FaultCode.BUSY, "a job runs; cancel it first")
 
     def _still_in_fault(self, taken: tuple[Fault, ...], error: Exception) -> Fault:
         """Latch what was found in front of what was latched before, and return it."""
@@ -119,11 +143,13 @@ class StationSupervisor:
 
         What needs a person is asked last: `not_homed` means that everything else is well.
         """
+        trouble = await self._journal.mend()
         deadline = Deadline.after(OPEN_WITHIN_S)
         if self._hardware is None:
             fit = await self._open(deadline)
         else:
             fit = False
+            self._fit_calibrations()
             if await self._hardware.in_trouble(deadline):
                 self._latch.doubt(AXES)
             await self._settle_doubts(self._hardware, deadline)
@@ -137,12 +163,15 @@ class StationSupervisor:
             await self._check_cause(cause, hardware)
         if not await hardware.gantry.homed(deadline):
             raise Fault(FaultCode.NOT_HOMED)
+        # Behind all that speaks against moving: the journal's trouble may be over at any time, by itself.
+        if trouble is not None:
+            raise trouble
 
     async def _open(self, deadline: Deadline) -> bool:
         """Open the devices; return whether the drives' self-test found them fit."""
-        self._calibrations.load()
+        self._fit_calibrations()
         self._hardware = hardware = await self._open_devices(self._settings.config, deadline)
-        self.refresh_context()
+        self._lay_out(hardware)
         log.info("station_open", camera=dict(hardware.camera.settings()))
         return all(axis.fit for axis in hardware.found.values())
 
@@ -151,8 +180,6 @@ class StationSupervisor:
         match cause.kind:
             case FaultCode.CAMERA_FAILED:
                 await hardware.camera.frame_after(time.monotonic(), Deadline.after(FRAME_WITHIN_S))
-            case FaultCode.JOURNAL_FAILED:
-                await self._journal.keep(DOUBT, {"axes": sorted(self._latch.doubtful)})
             case _:
                 pass
 
@@ -182,8 +209,8 @@ class StationSupervisor:
             async with self._lock.hold("health check"):
                 if self._latch.state is State.IDLE:
                     await self._check_health()
-                elif self._latch.doubtful:
-                    await self._forget_homing(self._hardware)
+                else:
+                    await self._stop_what_runs(self._hardware)
 
     async def _rest(self) -> None:
         """Wait for the next check, or for an axis that came into doubt: that is written down at once."""
@@ -204,10 +231,23 @@ class StationSupervisor:
             log.error("station_lost", error=fault.message)
             self._latch.latch(fault)
 
-    async def first_check(self) -> None:
-        """Ask the drives once all is up: what the self-test of the start left out is read now."""
-        async with self._lock.hold("health check"):
+    async def first_check(self, watchdog: Watchdog) -> None:
+        """Ask the drives once all is up: what the self-test of the start left out is read now.
+
+        No job loop runs yet, so the watchdog is fed here while resets are before it.
+        """
+        waiting = watchdog.patience(EXCLUSIVE_WITHIN_S, lambda: self._lock.turns)
+        async with self._lock.hold("health check", every_s=watchdog.every_s, still_waiting=waiting):
             await self._check_health()
+
+    async def _stop_what_runs(self, hardware: Hardware) -> None:
+        """Stop a drive that could not be told to when its job failed, and write the doubts, as soon as they answer."""
+        try:
+            await hardware.gantry.halt_unstopped()
+        except DeviceError as exc:
+            log.error("axis_may_still_run", error=str(exc))
+        if self._latch.doubtful:
+            await self._forget_homing(hardware)
 
     async def _forget_homing(self, hardware: Hardware) -> None:
         """Write the doubt into the drives as soon as they answer."""

@@ -73,6 +73,9 @@ class FaultCode(Enum):
     NOT_CALIBRATED = _Kind(5103, "there is no valid calibration", "teach the tip, then calibrate the map")
     LIMIT_HIT = _Kind(5104, "a limit switch was hit", "free the axis, then `reset` and `home`", latched=True)
     EMERGENCY_STOP = _Kind(5105, "emergency stop", "release it, then `reset` and `home`", latched=True)
+    NOT_ALIGNED = _Kind(
+        5108, "the board in the nest has not been aligned", "send `align`; see that the board lies flat"
+    )
     IN_FAULT = _Kind(5106, "the daemon is in fault", "see the first cause in detail, then `reset`")
 
     INTERNAL = _Kind(9001, "the daemon met an error of its own", "report it with the journal entry", latched=True)

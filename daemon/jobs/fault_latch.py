@@ -38,6 +38,8 @@ class FaultLatch:
         self._causes: tuple[Fault, ...] = ()
         self._set_aside: tuple[Fault, ...] = ()
         """What homing is to cure, while it runs: it comes back unless homing comes to its end."""
+        self._passing: Fault | None = None
+        """Why the last job failed, while its end is told: a fault that clears itself."""
         self._doubtful: frozenset[str] = frozenset()
         self._lifecycle = Lifecycle.OPENING
         self._job: tuple[str, str] | None = None
@@ -60,7 +62,8 @@ class FaultLatch:
     @property
     def fault(self) -> Fault | None:
         """The first cause of the present fault; refusals name it."""
-        return self._causes[0] if self._causes else None
+        causes = self._causes  # once: a scrape asks from another thread
+        return causes[0] if causes else None
 
     @property
     def causes(self) -> tuple[Fault, ...]:
@@ -151,10 +154,11 @@ class FaultLatch:
         """Take one transition of the running job."""
         return self._machine.fire(event)
 
-    def end(self, event: Event, found: Fault | None = None) -> None:
-        """Take a job's last transition, with the fault that it leaves latched; another fault clears itself.
+    def end(self, event: Event, found: Fault | None = None, passing: Fault | None = None) -> None:
+        """Take a job's last transition, with the fault that it leaves latched; another, `passing`, clears itself.
 
         Homing that came to its end has settled every axis; homing that did not leaves what it was to cure.
+        Raises `IllegalTransition` if the job may not end so where it stands; the station is then in fault.
         """
         homing = self._job is not None and self._job[0] == "home"
         if homing and event is Event.ON_TARGET:
@@ -164,11 +168,18 @@ class FaultLatch:
         for cause in self._set_aside:
             self._add(cause)
         self._set_aside = ()
-        if self.state in BUSY:
-            self._machine.fire(event)
-        if self._causes:
-            self._enter_fault()
-        self._job = None
+        self._passing = passing
+        try:
+            if self.state in BUSY:
+                self._machine.fire(event)
+        except IllegalTransition as exc:
+            # Else the station would look busy with nothing running, and no reset would be let in.
+            self._add(Fault(FaultCode.INTERNAL, str(exc)))
+            raise
+        finally:
+            if self._causes:
+                self._enter_fault()
+            self._job = self._passing = None
         self._leave_if_clear()
 
     def _enter_fault(self) -> None:
@@ -192,6 +203,7 @@ class FaultLatch:
         self._lifecycle = Lifecycle.CLOSING
 
     def _changed(self, before: State, event: Event, after: State) -> None:
-        change = StateChange(before, event, after, self._job[1] if self._job else None, self.fault)
+        fault = self.fault or (self._passing if after is State.FAULT else None)
+        change = StateChange(before, event, after, self._job[1] if self._job else None, fault)
         for listener in self._listeners:
             listener(change)

@@ -9,6 +9,7 @@ from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.states import Event
 from daemon.jobs.context import JobContext, Outcome, StationContext
 from daemon.procedures.aiming import describe, known_beforehand, look_and_aim
+from daemon.procedures.board_in_nest import require_board
 from daemon.procedures.height import describe_height, refuse_pushed, require_free
 from daemon.station.station import Search
 from daemon.wire.operations.jobs import Home, Look, Place
@@ -36,6 +37,8 @@ async def place(job: JobContext, context: StationContext, request: Place) -> Out
     """
     job.partial.test_point = request.test_point
     place_um = _place_of(request, context)
+    if request.board_id is not None:
+        await require_board(context, request.board_id)
     await context.station.require_homed(job)
     target = context.geometry.position_over(place_um, request.theta_deg)
     context.station.check(target)

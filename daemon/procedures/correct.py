@@ -12,6 +12,7 @@ from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.states import Event
 from daemon.jobs.context import JobContext, Outcome, StationContext
 from daemon.procedures.aiming import STILL_UM, UNCLEAR, Aim, Prior, known_beforehand, look_and_aim
+from daemon.procedures.board_in_nest import require_board
 from daemon.procedures.height import describe_height, require_free
 from daemon.wire.operations.jobs import Correct
 from drivers.gantry import Position
@@ -143,6 +144,7 @@ async def admit(job: JobContext, context: StationContext, request: Correct) -> t
     point = context.board.point(request.test_point)
     await context.station.require_homed(job)
     context.calibrations.require_probe()
+    await require_board(context, request.board_id)
     pose_map = context.require_map()
     position = await context.station.position(job)
     context.station.check(context.geometry.position_over(point.place_um, position.theta_deg))

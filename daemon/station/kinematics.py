@@ -91,14 +91,14 @@ class Geometry:
     def measured_um(self, robot_um: ArrayLike) -> float | None:
         """Return the height of this board's surface at a place; None where it was not measured.
 
-        A surface older than the board's alignment was measured on the board before.
+        A surface older than the board's alignment was measured on the board before, and so was any while a board lies
+        there that has not been aligned.
         """
         record = self._calibrations.records.get("surface")
         if not isinstance(record, SurfaceRecord) or self._calibrations.surface is None:
             return None
-        laid_in = self._calibrations.alignment(self._board)
-        of_another = record.board is not None and record.board != self._board.name
-        if of_another or (laid_in is not None and record.made_at < laid_in.made_at):
+        in_force, laid_in = self._calibrations.in_force, self._calibrations.alignment(self._board)
+        if in_force.void is not None or (laid_in is not None and record.made_at < laid_in.made_at):
             return None
         touched = np.array([(touch.x_um, touch.y_um) for touch in record.touches])
         # In the direction in which the place is farthest beyond all touches

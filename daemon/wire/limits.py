@@ -8,3 +8,5 @@ MAX_PENDING, MAX_HELD = 1000, 100
 """Replies that may be held at once for clients that wait: for all, and for one."""
 EVENT_QUEUE = 1000
 """Events kept for a subscriber that is slow; beyond these it loses events, never the daemon."""
+MAX_SEQ = 2**63 - 1
+"""Largest event number that the journal can be asked for."""

@@ -181,6 +181,13 @@ class GantryAxis(Protocol):
     async def quick_stop(self) -> None:
         """Stop at once, with a deadline of its own."""
 
+    @property
+    def unstopped(self) -> bool:
+        """Whether it was to stop and its drive could not be told so."""
+
+    async def halt(self) -> None:
+        """Ramp down and stand, with a deadline of its own; raise what prevents it."""
+
     async def halt_if_possible(self) -> None:
         """Stop as the answer to another failure: what goes wrong here is only logged."""
 

@@ -172,6 +172,12 @@ class Gantry:
         if failures:
             raise failures[0]
 
+    async def halt_unstopped(self) -> None:
+        """Halt the axes whose drives could not be told to stop when they were to; raise what still prevents it."""
+        for axis in self._axes.values():
+            if axis.unstopped:
+                await axis.halt()
+
     async def forget_homing(self, deadline: Deadline, axes: Iterable[str] = AXES) -> None:
         """Make axes need their homing run again; what moves the machine refuses until then.
 

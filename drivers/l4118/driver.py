@@ -61,6 +61,7 @@ class Axis:
         self._speed: SpeedUnit | None = None
         self._watch: ArrivalWatch | None = None
         self._stopped = False
+        self._unstopped = False
         # How the drive was left: what it shows later is judged by that
         self._left_enabled = False
         self._left_homed = False
@@ -72,6 +73,7 @@ class Axis:
     async def start(self, deadline: Deadline) -> AxisFindings:
         """Identify the drive, settle its open points, set units, ramps and limits. Moves nothing."""
         findings, self._speed = await prepare(self._drive, deadline)
+        self._unstopped = False
         self._left_enabled, self._left_homed = False, findings.homed
         config, drive = self.config, self._drive
         ramp = self._counts(config.acceleration_units_s2)
@@ -256,10 +258,11 @@ class Axis:
 
         Has its own deadline of a few seconds. Raises what the link or the drive raises.
         """
-        self._stopped, self._watch = True, None
+        self._stopped, self._watch, self._unstopped = True, None, True
         deadline = Deadline.after(STOP_S)
         status = await self.status(deadline)
         if status.state is not PowerState.OPERATION_ENABLED:
+            self._unstopped = False
             return
         status = await self._command(Control.HALT, deadline)
         while status.state is PowerState.OPERATION_ENABLED and not status.target_reached:
@@ -268,6 +271,12 @@ class Axis:
             await asyncio.sleep(self.config.poll_s)
             status = await self.status(deadline)
         await self._command(Control.SHUTDOWN, Deadline.after(STOP_S))
+        self._unstopped = False
+
+    @property
+    def unstopped(self) -> bool:
+        """Tell whether the axis was to be stopped and its drive has not confirmed it: a motor may be running."""
+        return self._unstopped
 
     async def halt_if_possible(self) -> None:
         """Halt as the answer to another failure, which must not be hidden: what goes wrong here is only logged.
@@ -291,10 +300,11 @@ class Axis:
 
         By FC 43: after a power cut the image would carry our target into some other object.
         """
-        self._stopped, self._watch = True, None
+        self._stopped, self._watch, self._unstopped = True, None, True
         async with self._commanding:
             self._left_enabled = False
             await self._drive.write(od.CONTROLWORD, Control.QUICK_STOP, Deadline.after(STOP_S))
+        self._unstopped = False
 
     async def reset_fault(self, deadline: Deadline) -> None:
         """Clear a fault by the rising edge of bit 7; raise what it is, such as DriveFault, when its cause remains."""

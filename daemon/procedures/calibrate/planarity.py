@@ -52,7 +52,7 @@ async def measure_surface(job: JobContext, context: StationContext, request: Cal
     heights = heights_um(pushes, pose_map, press_um, context.gantry.touch_z_um)
     where = np.array([context.geometry.tip_um(place) for place in places])
     surface = _plane(where, np.array(heights))
-    record = _record(surface, where, heights, began.facts(job, context) | {"board": context.board.name})
+    record = _record(surface, where, heights, began.facts(job, context))
     kept = await keep(job, context, record)
     return Outcome("calibrated", detail=_told(record) | kept)
 

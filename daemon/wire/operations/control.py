@@ -8,6 +8,7 @@ from pydantic import Field
 
 from daemon.domain.results import ErrorBody, JobResult, Told
 from daemon.wire.example_parts import AT, RESULT
+from daemon.wire.limits import MAX_SEQ
 from daemon.wire.operations.row import DefaultDeadline, Operation
 from daemon.wire.replies import Reply
 from daemon.wire.requests import ImmediateRequest, JobId, Request
@@ -49,7 +50,7 @@ class Results(Request):
     """Replay results from a seq on."""
 
     op: Literal["results"]
-    since: int = Field(default=0, ge=0, description="first seq wanted")
+    since: int = Field(default=0, ge=0, le=MAX_SEQ, description="first seq wanted")
     limit: int = Field(default=100, ge=1, le=1000)
 
 

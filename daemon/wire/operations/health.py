@@ -9,6 +9,7 @@ from pydantic import ConfigDict, Field
 from daemon.domain.results import Told
 from daemon.wire.events import AlertFacts
 from daemon.wire.example_parts import ALERT, AT
+from daemon.wire.limits import MAX_SEQ
 from daemon.wire.operations.row import DefaultDeadline, Operation
 from daemon.wire.replies import Reply
 from daemon.wire.requests import JobId, Name, Request
@@ -18,7 +19,7 @@ class Alerts(Request):
     """Ask what stands against the station and how every watch of its health stands; replay alerts from a seq on."""
 
     op: Literal["alerts"]
-    since: int = Field(default=0, ge=0, description="first seq wanted")
+    since: int = Field(default=0, ge=0, le=MAX_SEQ, description="first seq wanted")
     limit: int = Field(default=100, ge=1, le=1000)
 
 

@@ -15,12 +15,15 @@ from daemon.wire.operations.row import DefaultDeadline, Operation
 from daemon.wire.replies import Reply
 from daemon.wire.requests import JobRequest, Name, Px, Um
 
+_WHICH_BOARD = "which board lies in the nest, a serial number for example; refused (not_aligned) unless it was aligned"
+
 
 class Correct(JobRequest):
     """Look, move the tip onto the test point, verify."""
 
     op: Literal["correct"]
     test_point: Name = Field(description="name of the point over which the head stands, as the board file has it")
+    board_id: Name | None = Field(default=None, description=_WHICH_BOARD)
 
 
 class Place(JobRequest):
@@ -30,6 +33,7 @@ class Place(JobRequest):
     test_point: Name | None = None
     board_um: tuple[Um, Um] | None = Field(default=None, description="instead of a test point: a place, board frame")
     theta_deg: float = Field(default=0.0, ge=0.0, lt=360.0, allow_inf_nan=False, description="head angle")
+    board_id: Name | None = Field(default=None, description=_WHICH_BOARD)
 
     @model_validator(mode="after")
     def _one_place(self) -> Self:
@@ -47,7 +51,10 @@ class Look(JobRequest):
 
 
 class Align(JobRequest):
-    """See where the board lies: look at three or more fiducials and store the board's pose."""
+    """See where the board lies: look at three or more fiducials and store the board's pose.
+
+    From its first look on the old pose is void: until one passes, no correction is made.
+    """
 
     op: Literal["align"]
     fiducials: tuple[Name, ...] | None = Field(
@@ -55,6 +62,9 @@ class Align(JobRequest):
     )
     thetas_deg: tuple[Annotated[float, Field(ge=0.0, lt=360.0, allow_inf_nan=False)], ...] = Field(
         default=(0.0, 180.0), min_length=1, max_length=8, description="head angles from which each is looked at"
+    )
+    board_id: Name | None = Field(
+        default=None, description="which board lies in the nest; later requests may name it, another one is refused"
     )
 
 

@@ -30,6 +30,7 @@ class FakeHardware:
         self.found = {name: SimpleNamespace(fit=True, homed=True) for name in AXES}
         self.camera = SimpleNamespace(settings=dict, frame_after=self._frame)
         self.moving = False
+        self.unstopped = False
 
     async def _ask(self, what: str) -> None:
         await self.gate(what)
@@ -70,6 +71,11 @@ class FakeHardware:
     async def set(self, _light: Any, _deadline: Any) -> None:
         await self._ask("light")
 
+    async def halt_unstopped(self) -> None:
+        if self.unstopped:
+            await self._ask("halt")
+            self.unstopped = False
+
     async def close(self, _deadline: Any) -> None:
         await self._ask("close")
 
@@ -82,6 +88,7 @@ class FakeGantry:
         self.moving = False
         self.forget_homing = hardware.forget_homing
         self.quick_stop = hardware.quick_stop
+        self.halt_unstopped = hardware.halt_unstopped
         self.position = hardware.position
 
     async def homed(self, _deadline: Any) -> bool:

@@ -20,6 +20,7 @@ from daemon.jobs.context import Outcome
 from daemon.jobs.fault_latch import AXES, FaultLatch
 from daemon.jobs.runner import JobRunner
 from daemon.jobs.station_lock import StationLock
+from daemon.jobs.watchdog import Watchdog
 from daemon.storage.calibration_store import Calibrations
 from daemon.tools.demo.settings import Places, write_settings
 from daemon.wire.operations.table import OPERATIONS
@@ -92,6 +93,8 @@ class Station:
 
 class _AnyBoard:
     """A board that has every point."""
+
+    name, side, revision = "any", "top", "1"
 
     def point(self, _name: str) -> None:
         return
@@ -336,6 +339,40 @@ async def test_reset_is_refused_while_a_job_runs(station: Station) -> None:
     assert "recover" not in station.hardware.did
 
 
+async def test_a_reset_that_waited_while_a_job_began_is_refused_and_does_not_wait_for_its_end(station: Station) -> None:
+    await station.supervisor.open()
+    held, may_end = asyncio.Event(), asyncio.Event()
+
+    async def job() -> None:
+        async with station.lock.hold("job"):
+            held.set()
+            await may_end.wait()
+
+    async with station.lock.hold("health check"):
+        running = asyncio.create_task(job())
+        await asyncio.sleep(0)
+        resetting = asyncio.create_task(station.supervisor.reset())
+        await asyncio.sleep(0)
+    await held.wait()
+    async with asyncio.timeout(10.0):
+        with pytest.raises(Fault) as refused:
+            await resetting
+    assert refused.value.kind is FaultCode.BUSY
+    may_end.set()
+    await running
+
+
+async def test_the_first_check_feeds_the_watchdog_while_a_reset_is_before_it(station: Station) -> None:
+    await station.supervisor.open()
+    fed = asyncio.Event()
+    async with station.lock.hold("reset"):
+        checking = asyncio.create_task(station.supervisor.first_check(Watchdog(fed.set, every_s=0.001)))
+        async with asyncio.timeout(10.0):
+            await fed.wait()
+    await checking
+    assert "check_health" in station.hardware.did
+
+
 async def test_the_idle_station_is_looked_after_and_never_beside_somebody_else(
     station: Station, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -356,10 +393,26 @@ async def test_the_idle_station_is_looked_after_and_never_beside_somebody_else(
     looking.cancel()
 
 
+async def test_a_drive_that_could_not_be_stopped_is_stopped_as_soon_as_it_answers(
+    station: Station, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daemon.app.supervisor.CHECK_EVERY_S", 0.001)
+    await station.supervisor.open()
+    station.hardware.unstopped = True
+    station.hardware.errors["halt"] = LinkTimeout("no answer", device="x")
+    station.latch.latch(Fault(FaultCode.LINK_LOST))
+    looking = asyncio.create_task(station.supervisor.run())
+    await _until(lambda: station.hardware.did.count("halt") > 1)
+    station.hardware.errors.clear()
+    await _until(lambda: not station.hardware.unstopped)
+    assert [cause.kind for cause in station.latch.causes] == [FaultCode.LINK_LOST], "nothing is cleared by that"
+    looking.cancel()
+
+
 async def test_the_first_check_of_a_start_latches_what_it_finds(station: Station) -> None:
     await station.supervisor.open()
     station.hardware.errors["check_health"] = LightError("dark", device="lights")
-    await station.supervisor.first_check()
+    await station.supervisor.first_check(Watchdog())
     assert station.latch.fault is not None
     assert station.latch.fault.kind is FaultCode.LIGHT_FAILED
 

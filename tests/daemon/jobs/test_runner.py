@@ -221,7 +221,10 @@ async def test_the_same_id_under_way_is_the_same_job_and_another_request_with_it
 @pytest.mark.parametrize("error", [Fault(FaultCode.TIP_NOT_FOUND), Fault(FaultCode.UNDECIDED)])
 async def test_a_recognition_fault_clears_itself(tmp_path: Path, error: Fault) -> None:
     async with _line(tmp_path, _raising(error, Event.ACCEPTED)) as line:
+        why: list[Fault | None] = []
+        line.latch.subscribe(lambda change: why.append(change.fault) if change.after is State.FAULT else None)
         result = await line.do()
+        assert why == [error], "in fault it says why, also for a moment"
         assert result.error is not None
         assert (result.ok, result.outcome, result.error.name) == (False, "failed", error.kind.wire_name)
         assert (line.latch.state, line.latch.fault) == (State.IDLE, None)
@@ -389,6 +392,20 @@ async def test_homing_that_began_and_did_not_end_leaves_not_homed(tmp_path: Path
         assert "homing ended early" in line.latch.fault.message
 
 
+async def test_homing_that_never_left_its_place_leaves_a_homed_station_idle(tmp_path: Path) -> None:
+    gate = _Gate()
+    async with _line(tmp_path, gate) as line:
+        first = await line.ask(job_id="first")
+        await gate.began.wait()
+        late = await line.ask("home", "late", deadline_ms=1.0)
+        await asyncio.sleep(0.005)
+        gate.may_end.set()
+        await first
+        assert (await late).error.name == "stale_deadline"
+        assert (line.latch.state, line.latch.fault) == (State.IDLE, None)
+    assert "run late" not in line.did
+
+
 async def test_homing_leaves_not_homed_only_at_its_end(tmp_path: Path) -> None:
     gate = _Gate()
     async with _line(tmp_path, gate) as line:
@@ -408,6 +425,19 @@ async def test_a_daemon_that_stops_ends_the_running_job_and_stops_motion(tmp_pat
     assert (await done).error.name == "shutting_down"
     assert line.did == ["run j", "stop", "dark", "observed"]
     assert line.latch.state is State.IDLE
+
+
+async def test_jobs_that_wait_when_the_daemon_stops_are_answered(tmp_path: Path) -> None:
+    gate = _Gate()
+    async with _line(tmp_path, gate) as line:
+        await line.ask(job_id="first")
+        await gate.began.wait()
+        waiting = [await line.ask(job_id=job_id) for job_id in ("second", "third")]
+    await line.runner.refuse_waiting()
+    async with asyncio.timeout(10.0):
+        assert [(await done).error.name for done in waiting] == ["shutting_down", "shutting_down"]
+    assert line.did.count("run second") == 0
+    assert all(stored.result is not None for stored in line.journal.jobs.values()), "the next daemon has none to end"
 
 
 async def test_a_daemon_that_closes_takes_no_jobs(tmp_path: Path) -> None:
@@ -440,16 +470,130 @@ async def test_a_job_that_cannot_be_written_down_is_not_taken(tmp_path: Path) ->
         assert (await line.do()).ok, "its id is free again"
 
 
-async def test_a_result_that_cannot_be_written_is_answered_and_latched(tmp_path: Path) -> None:
+async def test_who_asks_for_a_job_that_cannot_be_written_down_is_told_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    writing, may_fail = asyncio.Event(), asyncio.Event()
+
+    async def add_job(_job_id: str, _op: str, _request: str) -> None:
+        writing.set()
+        await may_fail.wait()
+        raise Fault(FaultCode.JOURNAL_FAILED, "the disk is full")
+
+    async with _line(tmp_path, _looked) as line:
+        monkeypatch.setattr(line.journal, "add_job", add_job)
+        first = asyncio.create_task(line.ask())
+        await writing.wait()
+        second = await line.ask()
+        may_fail.set()
+        with pytest.raises(Fault):
+            await first
+        async with asyncio.timeout(10.0):
+            with pytest.raises(Fault) as caught:
+                await second
+        assert caught.value.kind is FaultCode.JOURNAL_FAILED
+
+
+async def test_a_full_disk_before_a_job_begins_is_its_answer_and_no_end_of_the_loop(tmp_path: Path) -> None:
+    gate = _Gate()
+    async with _line(tmp_path, gate) as line:
+        first = await line.ask(job_id="first")
+        await gate.began.wait()
+        waiting = await line.ask(job_id="waiting")
+        line.journal.broken = True
+        gate.may_end.set()
+        for done in (first, waiting):
+            with pytest.raises(Fault) as unwritten:
+                await done
+            assert unwritten.value.kind is FaultCode.JOURNAL_FAILED
+        assert line.latch.fault is not None
+        assert line.latch.fault.kind is FaultCode.JOURNAL_FAILED
+        line.journal.broken = False
+        line.latch.clear(line.latch.causes)
+        assert (await line.do(job_id="after")).ok, "the loop still runs jobs"
+    assert "run waiting" not in line.did
+
+
+async def test_images_that_cannot_be_drawn_do_not_end_the_loop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def keep(_folder: Path, _job: JobContext, _result: JobResult) -> None:
+        raise ValueError("an image of no size")
+
+    async def body(job: JobContext) -> Outcome:
+        job.looks += 1
+        return await _looked(job)
+
+    async with _line(tmp_path, body) as line:
+        monkeypatch.setattr(line.images, "keep", keep)
+        assert (await line.do(job_id="first")).ok
+        assert (await line.do(job_id="second")).ok
+        assert line.latch.state is State.IDLE
+
+
+async def test_a_result_that_cannot_be_written_is_told_to_nobody_until_it_is(tmp_path: Path) -> None:
     gate = _Gate()
     async with _line(tmp_path, gate) as line:
         done = await line.ask()
         await gate.began.wait()
         line.journal.broken = True
         gate.may_end.set()
-        assert (await done).ok
+        with pytest.raises(Fault) as unwritten:
+            await done
+        assert unwritten.value.kind is FaultCode.JOURNAL_FAILED
         assert line.latch.fault is not None
         assert line.latch.fault.kind is FaultCode.JOURNAL_FAILED
+        assert (line.published.events, line.results) == ([], []), "a kill now would make it another result"
+        with pytest.raises(Fault) as asked_again:
+            await line.ask()
+        assert asked_again.value.kind is FaultCode.JOURNAL_FAILED
+        with pytest.raises(Fault):
+            await line.runner.write_held_back()
+        line.journal.broken = False
+        await line.runner.write_held_back()
+        result = await (await line.ask())
+        assert (result.ok, result.outcome) == (True, "looked")
+        assert line.published.events == [("result", result.model_dump(mode="json"))]
+        await line.runner.write_held_back()
+        assert len(line.published.events) == 1, "told once"
+    assert line.did.count("run j") == 1
+
+
+async def test_a_stop_while_a_result_is_being_written_loses_neither_the_result_nor_the_answer(tmp_path: Path) -> None:
+    line = _Line(tmp_path, _looked)
+    writing, may_write = asyncio.Event(), asyncio.Event()
+    line.journal.before_result = lambda: _pause(writing, may_write)
+    loop = asyncio.create_task(line.runner.run())
+    done = await line.ask()
+    await writing.wait()
+    loop.cancel()
+    await asyncio.sleep(0)
+    loop.cancel()
+    may_write.set()
+    with contextlib.suppress(asyncio.CancelledError):
+        await loop
+    assert done.done(), "who waits is answered before the runner has ended"
+    assert done.result().outcome == "looked"
+    assert line.journal.jobs["j"].result == done.result()
+    assert line.published.events == [("result", done.result().model_dump(mode="json"))]
+
+
+async def _pause(began: asyncio.Event, may_go_on: asyncio.Event) -> None:
+    began.set()
+    await may_go_on.wait()
+
+
+@pytest.mark.parametrize("error", [Fault(FaultCode.JOURNAL_FAILED), TypeError("not JSON")])
+async def test_a_look_that_cannot_be_noted_does_not_cost_the_result(tmp_path: Path, error: Exception) -> None:
+    async def body(job: JobContext) -> Outcome:
+        job.fire(Event.ACCEPTED)
+        job.note("look", {"tip": 1})
+        return Outcome("looked")
+
+    async with _line(tmp_path, body) as line:
+        line.journal.step_error = error
+        result = await line.do()
+        assert result.ok
+        assert line.journal.jobs["j"].result == result
+        assert line.latch.fault is None
 
 
 async def test_steps_progress_and_images_go_where_they_belong(tmp_path: Path) -> None:

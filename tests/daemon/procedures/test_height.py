@@ -40,7 +40,7 @@ def _measured(world: World, height_um: float) -> None:
     corners = [(x, y) for x in (62_000.0, 98_000.0) for y in (42_000.0, 68_000.0)]
     plane = fit_plane(np.array(corners), np.full(4, height_um))
     whole = world.made() | {
-        "board": world.board.name, "residuals_um": (0.0,) * 4, "surface": plane.to_dict(), "flatness_um": 0.0,
+        "residuals_um": (0.0,) * 4, "surface": plane.to_dict(), "flatness_um": 0.0,
         "rms_um": 0.0, "limit_um": 50.0, "planar": True,
         "touches": tuple(Touch(x_um=x, y_um=y, height_um=height_um) for x, y in corners),
     }  # fmt: skip

@@ -93,7 +93,7 @@ def _surface(world: World, height_um: float = -40.0, **changes: object) -> None:
     plane = fit_plane(np.array(corners), np.full(4, height_um))
     touches = tuple(Touch(x_um=x, y_um=y, height_um=height_um) for x, y in corners)
     whole = world.made() | {
-        "board": world.board.name, "touches": touches, "residuals_um": (0.0,) * 4, "surface": plane.to_dict(),
+        "touches": touches, "residuals_um": (0.0,) * 4, "surface": plane.to_dict(),
         "flatness_um": 0.0, "rms_um": 0.0, "limit_um": 50.0, "planar": True,
     }  # fmt: skip
     world.calibrations.store(SurfaceRecord(**whole | changes))
@@ -129,14 +129,6 @@ def test_far_from_the_touched_places_height_is_unknown(world: World, beyond_um: 
         assert (world.geometry.measured_um(place) is not None) is known
 
 
-def test_the_surface_of_another_board_is_none_of_this_one(world: World) -> None:
-    place = 80_000.0, 50_000.0
-    _surface(world, board="another")
-    assert world.geometry.measured_um(place) is None
-    _surface(world, board=None)
-    assert world.geometry.measured_um(place) == pytest.approx(-40.0), "older records do not say whose it is"
-
-
 def test_a_surface_older_than_the_boards_alignment_is_of_the_board_before(world: World) -> None:
     place = 80_000.0, 50_000.0
     _surface(world, made_at="2026-01-01T00:00:00.000+00:00")
@@ -146,3 +138,10 @@ def test_a_surface_older_than_the_boards_alignment_is_of_the_board_before(world:
     assert world.geometry.height_um(place) == pytest.approx(-40.0), "for the picture it is still the best guess"
     _surface(world)
     assert world.geometry.measured_um(place) is not None
+
+
+def test_while_a_board_that_was_not_aligned_lies_there_its_height_is_unknown(world: World) -> None:
+    place = 80_000.0, 50_000.0
+    _surface(world)
+    world.calibrations.void_alignment("board 18 was put into the nest and has not been aligned")
+    assert world.geometry.measured_um(place) is None

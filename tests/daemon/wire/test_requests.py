@@ -54,6 +54,8 @@ BAD: list[tuple[Any, FaultCode, str]] = [
     ({"op": "correct", "id": "a", "test_point": "../etc/passwd\x00"}, FaultCode.INVALID_REQUEST, "test_point"),
     ({"op": "correct", "id": "a", "test_point": "TP7", "speed": 9}, FaultCode.INVALID_REQUEST, "speed"),
     ({"op": "place", "id": "a"}, FaultCode.INVALID_REQUEST, ""),
+    ({"op": "results", "since": 2**63}, FaultCode.INVALID_REQUEST, "since"),
+    ({"op": "alerts", "since": 2**63}, FaultCode.INVALID_REQUEST, "since"),
     (
         {"op": "place", "id": "a", "test_point": "TP7", "theta_deg": float("nan")},
         FaultCode.INVALID_REQUEST,

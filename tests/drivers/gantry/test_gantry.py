@@ -234,6 +234,24 @@ async def test_a_quick_stop_reaches_the_axes_that_answer(homed: Machine, soon: D
     assert all(homed.drives[name].control == 0x02 for name in ("y", "z", "theta"))
 
 
+async def test_an_axis_that_could_not_be_stopped_is_stopped_once_it_answers(homed: Machine, soon: Deadline) -> None:
+    """It should leave alone those that stopped, halt the one that was silent, and ask nothing more of it then."""
+    homed.slow(2000)
+    task = asyncio.create_task(homed.gantry.move_to(PLACE, soon))
+    await homed.under_way(task)
+    homed.drives["x"].silent = True
+    with pytest.raises(LinkError):
+        await task
+    with pytest.raises(LinkError):
+        await homed.gantry.halt_unstopped()
+    homed.drives["x"].silent = False
+    assert homed.drives["x"].state == 0x27, "nobody could stop it"
+    await homed.gantry.halt_unstopped()
+    assert homed.drives["x"].state == 0x21
+    homed.drives["x"].silent = True
+    await homed.gantry.halt_unstopped()
+
+
 async def test_a_second_move_is_refused_and_the_first_goes_on(homed: Machine, soon: Deadline) -> None:
     """It should not mix two moves."""
     homed.slow(1_000_000)
