@@ -1,5 +1,6 @@
 """Coordinates and settings of the machine, and what it needs of each axis. No I/O."""
 
+import math
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -32,6 +33,12 @@ class GantryConfig:
 
     safe_z_um: float = 12000.0
     """Height from which lateral and rotary moves are free."""
+    slow_z_um: float = -math.inf
+    """Highest place where the needle may meet a surface: below it Z goes down at `slow_um_s` only."""
+    slow_um_s: float = 2000.0
+    """Speed of Z's last stretch down, um/s."""
+    floor_z_um: float = -math.inf
+    """Z is never sent below this: the lowest possible surface minus the most that the pin may be pushed."""
     backlash_um: float = 50.0
     """X and Y come to every target from below, from at least this far (less at the lower end of the range)."""
     backlash_theta_deg: float = 0.5625
@@ -156,8 +163,8 @@ class GantryAxis(Protocol):
     def check(self, target_units: float) -> None:
         """Raise EnvelopeViolation for a target out of range."""
 
-    async def begin_move(self, target_units: float, deadline: Deadline) -> None:
-        """Start a move; returns when the drive has taken the target."""
+    async def begin_move(self, target_units: float, deadline: Deadline, speed_units_s: float | None = None) -> None:
+        """Start a move; returns when the drive has taken the target. `speed_units_s`: at most; None: the axis' own."""
 
     async def arrived(self, deadline: Deadline) -> bool:
         """Look at the move begun before; raise what made it fail."""

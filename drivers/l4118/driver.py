@@ -1,6 +1,7 @@
 """One axis: a CiA 402 drive over the bus."""
 
 import asyncio
+import math
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
@@ -164,11 +165,15 @@ class Axis:
                 await asyncio.sleep(self.config.poll_s)
         return await self.status(deadline)
 
-    async def begin_move(self, target_units: float, deadline: Deadline) -> None:
-        """Start an absolute move: returns when the drive has acknowledged the set-point."""
+    async def begin_move(self, target_units: float, deadline: Deadline, speed_units_s: float | None = None) -> None:
+        """Start an absolute move: returns when the drive has acknowledged the set-point.
+
+        `speed_units_s`: at most so fast (6081h), None: as fast as the axis may. It goes with the target, in one frame.
+        """
         self.check(target_units)
         await self._enable(Mode.PROFILE_POSITION, deadline)
         drive = self._drive
+        drive.velocity_counts = self._velocity_counts(speed_units_s)
         drive.target_increments = self.config.to_increments(target_units)
         before = await self._command(Control.ENABLE, deadline)
         # Bit 12 of the former set-point must be gone, else it would be taken for ours
@@ -425,6 +430,14 @@ class Axis:
         if abs(real - wanted) > 0.25 * wanted:
             self._log.warning("axis.coarse_speed_unit", wanted_increments_s=wanted, set_increments_s=real)
         return counts
+
+    def _velocity_counts(self, speed_units_s: float | None) -> int:
+        """Give the profile speed as the drive counts it; a limit is rounded down, for faster is what must not be."""
+        own = self._counts(self.config.speed_units_s)
+        if speed_units_s is None or self._speed is None:
+            return own
+        limit = speed_units_s * abs(self.config.increments_per_unit) / self._speed.increments_s
+        return min(own, max(1, math.floor(limit + 1e-6)))
 
     async def _write_limits(self, deadline: Deadline) -> None:
         """Give the drive the axis' range as 607Dh, so that it guards it too."""
