@@ -9,6 +9,8 @@ from drivers.errors import EnvelopeViolation, MotionError
 # The head must never be between these angles (thesis, head angle 101..139 deg plus one degree each side)
 THETA_LAST_DEG = 100.0
 THETA_FIRST_DEG = 140.0
+# A drive at an end of the range may read back this far outside: it counts whole increments
+READ_BACK_DEG = 0.001
 _GANTRY = "gantry"
 
 
@@ -49,12 +51,11 @@ def axis_theta_deg(theta_deg: float) -> float:
 
     The coordinate never contains the forbidden band, so no path along it can cross it.
     """
-    # The 1e-9 keeps a round trip through floats on the end of the range
     head_deg = theta_deg % 360.0
-    if head_deg <= THETA_LAST_DEG + 1e-9:
-        return head_deg
-    if head_deg >= THETA_FIRST_DEG - 1e-9:
-        return head_deg - 360.0
+    if head_deg <= THETA_LAST_DEG + READ_BACK_DEG:
+        return min(head_deg, THETA_LAST_DEG)
+    if head_deg >= THETA_FIRST_DEG - READ_BACK_DEG:
+        return max(head_deg, THETA_FIRST_DEG) - 360.0
     text = f"head angle {head_deg:.4f} deg is in the forbidden band {THETA_LAST_DEG:g}..{THETA_FIRST_DEG:g}"
     raise EnvelopeViolation(text, device=_GANTRY, advice="Turn the other way round, or use another angle.")
 
@@ -176,6 +177,10 @@ class GantryAxis(Protocol):
 
     async def halt_if_possible(self) -> None:
         """Stop as the answer to another failure: what goes wrong here is only logged."""
+
+    @property
+    def unstopped(self) -> bool:
+        """Whether a stop was ordered that could not be confirmed: the motor may still run."""
 
     def release(self) -> None:
         """Allow moves again after a stop."""

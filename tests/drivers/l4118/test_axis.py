@@ -23,7 +23,7 @@ from drivers.errors import (
     Stalled,
 )
 from drivers.l4118 import Axis
-from drivers.l4118.image import RX_WANTED, TX_WANTED
+from drivers.l4118.image import TX_WANTED
 from tests.drivers.conftest import MakeLine, OpenBus
 from tests.drivers.l4118.conftest import CONFIG, Homed, MakeAxis
 from tests.drivers.peers.drive import DEFAULT_TX, DriveModel, Variant
@@ -47,6 +47,7 @@ async def test_every_open_point_of_the_manuals_is_settled_without_motion(
 ) -> None:
     """It should find index order, NODE and word order by itself, and then move to the right place."""
     drive = DriveModel(3, variant)
+    drive.position = 0x12345
     axis = await make_axis(drive)
     found = await axis.start(soon)
     assert drive.log == []
@@ -67,7 +68,7 @@ async def test_a_mapping_that_lacks_something_is_replaced_and_one_that_serves_is
     drive = DriveModel(3)
     axis = await make_axis(drive)
     found = await axis.start(soon)
-    assert (found.tx_mapping, found.rx_mapping) == (TX_WANTED, RX_WANTED)
+    assert found.tx_mapping == TX_WANTED
     longer = (*DEFAULT_TX[:5], 0x00060010, 0x60FD0020)
     drive.od[0x3602, 0][1] = len(longer)
     for number, entry in enumerate(longer, 1):
@@ -81,8 +82,8 @@ async def test_a_mapping_that_does_not_take_is_an_error(make_axis: MakeAxis, soo
     """It should read back what it wrote and not work on with another image."""
     drive = DriveModel(3)
     keep = drive.put
-    drive.put = lambda index, sub, value: None if index == 0x3502 else keep(index, sub, value)  # type: ignore[method-assign]
-    with pytest.raises(ReplyError, match="3502h did not take"):
+    drive.put = lambda index, sub, value: None if index == 0x3602 else keep(index, sub, value)  # type: ignore[method-assign]
+    with pytest.raises(ReplyError, match="3602h did not take"):
         await (await make_axis(drive)).start(soon)
 
 
@@ -109,6 +110,7 @@ async def test_a_drive_that_does_not_fit_is_refused(
 async def test_settings_that_contradict_the_drive_are_refused(make_axis: MakeAxis, soon: Deadline) -> None:
     """It should not overrule what the drive shows."""
     drive = DriveModel(3)
+    drive.position = 0x12345
     wrong_words = await make_axis(drive, dataclasses.replace(CONFIG, word_order="little"))
     with pytest.raises(ReplyError, match="word order is big"):
         await wrong_words.start(soon)
@@ -316,7 +318,7 @@ async def test_a_fault_that_cannot_be_read_says_which_object_was_refused(homed: 
 async def test_a_refused_object_is_named_with_axis_and_abort_code(make_axis: MakeAxis, soon: Deadline) -> None:
     """It should say them as fields, for reads and for writes."""
     drive = DriveModel(3)
-    for place, name in (((0x60A9, 0), "60A9h:00"), ((0x6085, 0), "6085h:00"), ((0x3502, 1), "3502h:01")):
+    for place, name in (((0x60A9, 0), "60A9h:00"), ((0x6085, 0), "6085h:00"), ((0x60A8, 0), "60A8h:00")):
         kept = drive.od.pop(place)
         with pytest.raises(DeviceRefused) as caught:
             await (await make_axis(drive)).start(soon)
