@@ -16,6 +16,9 @@ from drivers.l4118.contract import AxisFindings, AxisStatus
 from drivers.l4118.stopping import bring_to_rest
 from drivers.l4118.units import SpeedUnit, decode_speed_unit
 
+# Modbus exception 01
+NO_SUCH_FUNCTION = 1
+
 
 async def prepare(drive: DriveAccess, deadline: Deadline) -> tuple[AxisFindings, SpeedUnit]:
     """Settle everything that is open about one drive; raise what does not fit.
@@ -71,6 +74,8 @@ async def _find_addressing(drive: DriveAccess, deadline: Deadline) -> OdAddressi
         try:
             vendor = await drive.read(od.VENDOR_ID, deadline, candidate)
         except (DeviceRefused, LinkTimeout, ReplyError) as exc:
+            if isinstance(exc, DeviceRefused) and exc.code == NO_SUCH_FUNCTION:
+                raise  # no way of asking helps against that
             found.append(f"{candidate.index_order}/node {candidate.node}: {exc.message}")
             continue
         if vendor == config.vendor_id:
