@@ -2,7 +2,7 @@
 
 import zlib
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Final, Literal
 
 from drivers.bus import OdAddressing
 from drivers.errors import MotionError
@@ -23,6 +23,8 @@ from drivers.l4118.objects import (
     decode_state,
 )
 
+# How many requests `Axis.health` makes
+HEALTH_REQUESTS: Final = 8
 # Bit of 3240h:01 that each homing method cannot do without
 _HOMING_SWITCH = {
     17: DI_NEGATIVE_LIMIT,

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Awaitable, Callable, Iterable
 from types import SimpleNamespace
 from typing import Any
+
+from drivers.errors import DeviceError
 
 AXES = ("x", "y", "z", "theta")
 Gate = Callable[[str], Awaitable[None]]
@@ -30,6 +33,8 @@ class FakeHardware:
         self.found = {name: SimpleNamespace(fit=True, homed=True) for name in AXES}
         self.camera = SimpleNamespace(settings=dict, frame_after=self._frame)
         self.moving = False
+        self.missing_answers = 0
+        self.check_line_s = 0.0
 
     async def _ask(self, what: str) -> None:
         await self.gate(what)
@@ -60,6 +65,12 @@ class FakeHardware:
     async def _frame(self, _since_s: float, _deadline: Any) -> None:
         await self._ask("frame")
 
+    async def stop_again(self) -> None:
+        """Try to stop what may run; it works once no error is set for it."""
+        with contextlib.suppress(DeviceError):
+            await self._ask("stop again")
+            self.gantry.unstopped = ()  # type: ignore[attr-defined]
+
     async def quick_stop(self) -> None:
         await self._ask("quick_stop")
 
@@ -80,12 +91,16 @@ class FakeGantry:
     def __init__(self, hardware: FakeHardware) -> None:
         self._hardware = hardware
         self.moving = False
+        self.unstopped: tuple[str, ...] = ()
         self.forget_homing = hardware.forget_homing
         self.quick_stop = hardware.quick_stop
         self.position = hardware.position
 
     async def homed(self, _deadline: Any) -> bool:
         return await self._hardware.is_homed()
+
+    async def stop_again(self) -> None:
+        await self._hardware.stop_again()
 
 
 def hardware(gate: Gate = _open) -> FakeHardware:

@@ -22,7 +22,7 @@ from drivers.errors import (
     ReplyError,
     Stalled,
 )
-from drivers.l4118 import Axis
+from drivers.l4118 import HEALTH_REQUESTS, Axis
 from drivers.l4118.image import TX_WANTED
 from tests.drivers.conftest import MakeLine, OpenBus
 from tests.drivers.l4118.conftest import CONFIG, Homed, MakeAxis
@@ -356,6 +356,19 @@ async def test_a_value_that_does_not_stay_is_named_with_its_object(homed: Homed,
     with pytest.raises(ReplyError, match="was written as 0") as caught:
         await axis.forget_homing(soon)
     assert caught.value.fields() == {"axis": "Z", "object": "2400h:20"}
+
+
+async def test_a_check_of_one_axis_makes_as_many_requests_as_its_time_is_reckoned_by(
+    make_line: MakeLine, open_bus: OpenBus, soon: Deadline
+) -> None:
+    """It should be what the budget of the check at rest counts on."""
+    drive = DriveModel(3)
+    line = make_line(drive.answer)
+    axis = Axis(await open_bus(line), CONFIG)
+    await axis.home(soon)
+    before = len(line.requests)
+    await axis.health(soon)
+    assert len(line.requests) - before == HEALTH_REQUESTS
 
 
 async def test_an_empty_error_stack_is_no_error(homed: Homed, soon: Deadline) -> None:

@@ -57,7 +57,7 @@ async def test_a_drive_that_cannot_be_switched_off_is_told_and_stays_to_be_stopp
     axis, drive = homed
     await _runs(axis, drive, soon)
     keep = drive.write_control
-    drive.write_control = lambda _word: None  # type: ignore[method-assign]
+    drive.write_control = lambda word: None  # type: ignore[method-assign]  # noqa: ARG005
     drive.heeds_halt = False
     with pytest.raises(MotionTimeout, match="cannot be switched off"):
         await axis.halt()
