@@ -35,7 +35,7 @@ class GantryConfig:
     safe_z_um: float = 12000.0
     """Height from which lateral and rotary moves are free."""
     backlash_um: float = 50.0
-    """X and Y come to every target from below, from at least this far (less at the lower end of the range)."""
+    """X and Y come to every target from below, from at least this far; a target without that room is refused."""
     backlash_theta_deg: float = 0.5625
     """Theta comes to every target from below, from at least this far."""
     backlash_z_um: float = 0.0

@@ -3,10 +3,15 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from drivers.errors import EnvelopeViolation
 from drivers.gantry.contract import GantryConfig, Position
 
 # Which axis goes where in one leg; the axes of a leg move together
 Leg = Mapping[str, float]
+
+_NO_ROOM = "Choose a target farther inside, or let the axis' range reach farther where the machine allows it."
+# Sums of decimal numbers may be off by this much
+_ROUNDING = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +30,7 @@ def plan(
     """List the legs: retract, go across with a one-sided approach, lower. Theta is the axis coordinate in both.
 
     A leg names only the axes that move. A pure Z move has no retract. Axes in `from_above` (x, y, theta) come from
-    the other side.
+    the other side. Raises EnvelopeViolation for a target so near to an end that there is no room for the approach.
     """
     legs: list[Leg] = []
     across = _across(now, target, config, ends, from_above)
@@ -63,7 +68,11 @@ def _across(now: Position, target: Position, config: GantryConfig, ends: Ends, f
         if abs(to - here) <= same:
             continue
         final[name] = to
-        before = min(to + backlash, high) if name in from_above else max(to - backlash, low)
+        before = to + backlash if name in from_above else to - backlash
+        if not low - _ROUNDING <= before <= high + _ROUNDING:
+            side, end = ("above", high) if name in from_above else ("below", low)
+            text = f"{name} {to:.4f} is too near to the end {end:g}: to come from {side}, {backlash:g} are needed"
+            raise EnvelopeViolation(text, device="gantry", advice=_NO_ROOM)
         # From further out on that side it comes from the right one anyway
         if (here < before) if name in from_above else (here > before):
             aside[name] = before

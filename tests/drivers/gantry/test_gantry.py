@@ -368,5 +368,26 @@ async def test_what_an_end_of_the_range_reads_back_is_in_the_range(
     """It should take a place that a drive said it is at, a rounded increment outside, for the end itself."""
     target = dataclasses.replace(PLACE, **{name: read_back})
     assert getattr(homed.gantry.check(target), name) == pytest.approx(end, abs=1e-9)
-    reached = await homed.gantry.move_to(target, soon)
-    assert getattr(await homed.gantry.move_to(reached, soon), name) == pytest.approx(end, abs=0.002)
+    if end > 0:
+        reached = await homed.gantry.move_to(target, soon)
+        assert getattr(await homed.gantry.move_to(reached, soon), name) == pytest.approx(end, abs=0.002)
+
+
+@pytest.mark.parametrize(("name", "at", "end"), [("x", 20.0, 0), ("y", 0.0, 0), ("theta", 140.3, -220)])
+async def test_a_target_without_room_to_come_from_below_is_refused_by_name(
+    homed: Machine, soon: Deadline, name: str, at: float, end: float
+) -> None:
+    """It should not come to it from the wrong flank; an axis that is there already is left alone."""
+    await homed.gantry.move_to(PLACE, soon)
+    for drive in homed.drives.values():
+        drive.log.clear()
+    field = f"{name}_{'deg' if name == 'theta' else 'um'}"
+    with pytest.raises(EnvelopeViolation, match=f"{name} .* is too near to the end {end}"):
+        await homed.gantry.move_to(dataclasses.replace(PLACE, **{field: at}), soon)
+    assert not any(entry.startswith("move") for drive in homed.drives.values() for entry in drive.log)
+
+
+async def test_an_axis_that_stands_at_its_end_stays_there_while_the_others_move(homed: Machine, soon: Deadline) -> None:
+    """It should allow what asks for no move of that axis, such as raising the needle after homing."""
+    await homed.gantry.move_to(Position(0.0, 0.0, 12000.0, 0.0), soon)
+    assert homed.at("x") == 0.0
