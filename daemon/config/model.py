@@ -345,6 +345,9 @@ class Config(Section):
                 raise ValueError(f"axes.{name}.bus names {bus!r}, which is not under [bus]")
         if self.lights.kind == "modbus" and self.lights.bus not in self.bus:
             raise ValueError(f"lights.bus names {self.lights.bus!r}, which is not under [bus]")
+        for (bus, address), users in self._addresses().items():
+            if len(users) > 1:
+                raise ValueError(f"{' and '.join(users)} have the same address {address} on bus {bus!r}")
         for watch in self.maintenance.off:
             if not is_known(watch, self.bus):
                 raise ValueError(f"maintenance.off names {watch!r}, which is no watch; `reprobe health` lists them")
@@ -355,6 +358,16 @@ class Config(Section):
             if not z.minimum <= height <= z.maximum:
                 raise ValueError(f"gantry.{name} = {height} lies outside axes.z {z.minimum}..{z.maximum}")
         return self
+
+    def _addresses(self) -> dict[tuple[str, int], list[str]]:
+        """Return who has which address on which line."""
+        users: dict[tuple[str, int], list[str]] = {}
+        for name in ("x", "y", "z", "theta"):
+            axis = getattr(self.axes, name)
+            users.setdefault((axis.bus, axis.address), []).append(f"axes.{name}")
+        if self.lights.kind == "modbus" and self.lights.bus is not None:
+            users.setdefault((self.lights.bus, self.lights.address), []).append("lights")
+        return users
 
 
 def load_config(path: Path) -> Config:

@@ -96,6 +96,14 @@ class Axis:
         entries = (od.VENDOR_ID, od.PRODUCT_CODE, od.REVISION, od.SERIAL_NUMBER)
         return AxisIdentity(*[await self._drive.read_if_there(entry, deadline) or 0 for entry in entries])
 
+    async def settings(self, deadline: Deadline) -> dict[str, int | None]:
+        """Read motor, switch and stop settings as they are, by object ("605Ah:00"); None: no such object."""
+        return {entry.place: await self._drive.read_if_there(entry, deadline) for entry in od.SETTINGS}
+
+    async def statusword(self, deadline: Deadline) -> int:
+        """Read 6041h by FC 43, the shortest question there is."""
+        return await self._drive.statusword(deadline)
+
     async def status(self, deadline: Deadline) -> AxisStatus:
         """Look at the axis."""
         return await self._drive.status(deadline)

@@ -43,6 +43,20 @@ SPEED_UNIT = OdEntry(0x60A9, 0, 4)
 FOLLOWING_ERROR = OdEntry(0x60F4, 0, 4, signed=True)
 DIGITAL_INPUTS = OdEntry(0x60FD, 0, 4)
 
+# What a drive's own settings say of the motor and of stops; read only, for a person
+SETTINGS = (
+    OdEntry(0x2030, 0, 4),
+    OdEntry(0x2031, 0, 4),
+    MOTOR_MODE,
+    SWITCH_INPUTS,
+    OdEntry(0x3701, 0, 2, signed=True),
+    OdEntry(0x605A, 0, 2, signed=True),
+    OdEntry(0x605B, 0, 2, signed=True),
+    OdEntry(0x605C, 0, 2, signed=True),
+    OdEntry(0x605D, 0, 2, signed=True),
+    OdEntry(0x605E, 0, 2, signed=True),
+)
+
 VENDOR_NANOTEC = 0x0000026C
 # 60A8h: encoder increments, 65536 per pole pair
 UNIT_INCREMENTS = 0x00B50000

@@ -8,7 +8,7 @@ import pytest
 
 from drivers.bus import ModbusBus, OdEntry, SerialLine
 from drivers.deadline import Deadline
-from drivers.errors import DeviceRefused, LinkTimeout
+from drivers.errors import DeviceRefused, LinkTimeout, ReplyError
 from tests.drivers.bus.test_bus_traps import READ_100, Script
 from tests.drivers.conftest import MakeLine, OpenBus
 from tests.drivers.peers.line import PtyLine, Step, framed
@@ -110,6 +110,27 @@ async def test_a_board_may_confirm_all_its_coils(
     """It should take the echo of eight for the echo of the two that are among them."""
     bus = await open_bus(make_line(lambda _: [framed(bytes.fromhex(echo))]), attempts=1)
     await bus.write_coils(5, 3, [True, False], soon)
+
+
+# ---------------------------------------------------------------- echo
+@pytest.mark.parametrize("answers", [True, False])
+async def test_an_adapter_that_hears_itself_is_named(
+    make_line: MakeLine, open_bus: OpenBus, soon: Deadline, answers: bool
+) -> None:
+    """It should not take the echo of a request for its reply, nor find the reply behind it and go on."""
+    line = make_line(lambda request: [request, READ_100] if answers else [request])
+    bus = await open_bus(line, timeout_s=0.1, late_reply_s=0.1, attempts=1)
+    with pytest.raises(ReplyError, match="hears itself") as caught:
+        await bus.read_registers(1, 100, 1, soon)
+    assert "local_echo" in caught.value.advice
+
+
+async def test_an_echo_that_is_configured_is_taken_off(make_line: MakeLine, soon: Deadline) -> None:
+    """It should read what stands behind it."""
+    line = make_line(lambda request: [request, READ_100])
+    bus = await ModbusBus.open(SerialLine(str(line.path), 115200, "N", 1, local_echo=True), gap_s=0.0, timeout_s=1.0)
+    assert await bus.read_registers(1, 100, 1, soon) == (100,)
+    await bus.close()
 
 
 # ---------------------------------------------------------------- nobody waits
