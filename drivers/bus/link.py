@@ -26,6 +26,8 @@ ByteTap = Callable[[Literal["sent", "received"], bytes], None]
 
 # More silent requests than anyone will make: when to give up a connection is decided here, not in the library.
 _NEVER = 1_000_000_000
+# Bytes of the shortest RTU frame: address, function code, CRC
+_SHORTEST_FRAME = 4
 
 
 class Link:
@@ -195,15 +197,21 @@ class Link:
         self._heard = 0 if sending else len(data)
         if sending:
             self._sent, self._echoed = data, False
-        elif _echo_tells(self._sent) and data.startswith(self._sent):
-            self._echoed = True
+        else:
+            self._echoed = _is_echo(self._sent, data)
         return data
 
 
-def _echo_tells(request: bytes) -> bool:
-    """Tell whether no reply to this RTU request begins with the request itself; replies to writes may."""
-    function = request[1] if len(request) > 3 else 0
-    return function in (1, 3, 4) or (function == od.FUNCTION_CODE and request[3] == 0)
+def _is_echo(request: bytes, heard: bytes) -> bool:
+    """Tell whether what was heard is an RTU request itself, alone or with its reply behind it.
+
+    A reply may begin like its request by chance, where a value is the request's CRC, but is hardly longer then. A reply
+    to a write may be the same as the request.
+    """
+    function = request[1] if len(request) > _SHORTEST_FRAME else 0
+    reads = function in (1, 3, 4) or (function == od.FUNCTION_CODE and request[3] == 0)
+    behind = len(heard) - len(request)
+    return reads and heard.startswith(request) and (behind == 0 or behind > _SHORTEST_FRAME)
 
 
 def _advice(cause: BaseException | None) -> str | None:

@@ -125,6 +125,14 @@ async def test_an_adapter_that_hears_itself_is_named(
     assert "local_echo" in caught.value.advice
 
 
+async def test_a_reply_that_begins_like_its_request_by_chance_is_no_echo(
+    make_line: MakeLine, open_bus: OpenBus, soon: Deadline
+) -> None:
+    """It should believe the count 5 of 3602h on slave 4, whose request has a CRC that begins with 05."""
+    bus = await open_bus(make_line(lambda request: [framed(request[:-2] + b"\5")]))
+    assert await bus.od_read(4, OdEntry(0x3602, 0, 1), soon) == 5
+
+
 async def test_an_echo_that_is_configured_is_taken_off(make_line: MakeLine, soon: Deadline) -> None:
     """It should read what stands behind it."""
     line = make_line(lambda request: [request, READ_100])
