@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from functools import partial
+from typing import Any
 
 import structlog
 
@@ -41,6 +43,8 @@ class Announcer:
         self._publisher, self._journal = publisher, journal
         self._status_line, self._notifier = status_line, notifier
         self._station, self._version = station, version
+        self._left: list[tuple[str, str]] | None = None
+        """Jobs that were cut off and have no result yet; None until the journal was asked."""
 
     def on_change(self, change: StateChange) -> None:
         """Publish a transition, log it, and bring the status line up to date."""
@@ -76,15 +80,25 @@ class Announcer:
         self._publisher.publish("log", {"event": f"configuration_{what}", **facts})
 
     async def report_interrupted(self) -> None:
-        """Give each job that a crash or a kill cut off its result: a fault; nothing moves."""
-        for job_id, op in await self._journal.unfinished():
-            error = ErrorBody.of(Fault(FaultCode.INTERRUPTED))
-            result = JobResult(
-                id=job_id, op=op, ok=False, seq=self._journal.take_seq(), station=self._station,
-                finished_at=utc_now(), outcome="failed", error=error,
-            )  # fmt: skip
-            await self._journal.finish_job(result)
-            self._publisher.publish("result", result.model_dump(mode="json"), seq=result.seq)
+        """Give each job that a crash or a kill cut off its result: a fault; nothing moves.
+
+        Raises `Fault` if the journal cannot be written. Once it has come to its end, calling it again does nothing:
+        what has no result from then on is this daemon's own.
+        """
+        if self._left is None:
+            self._left = await self._journal.unfinished()
+        while self._left:
+            job_id, op = self._left[0]
+            await self._publisher.publish_written("result", partial(self._interrupt, job_id, op))
+            self._left.pop(0)
+
+    async def _interrupt(self, job_id: str, op: str, seq: int) -> dict[str, Any]:
+        result = JobResult(
+            id=job_id, op=op, ok=False, seq=seq, station=self._station, finished_at=utc_now(), outcome="failed",
+            error=ErrorBody.of(Fault(FaultCode.INTERRUPTED)),
+        )  # fmt: skip
+        await self._journal.finish_job(result)
+        return result.model_dump(mode="json")
 
 
 def _some(problems: object) -> str:

@@ -8,10 +8,13 @@ from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
+import structlog
 import zmq.asyncio
 
 from daemon.app.announcer import Announcer
+from daemon.app.journal_watch import JournalWatch
 from daemon.app.supervisor import StationSupervisor
+from daemon.app.touch_counter import TouchCounter
 from daemon.config.current import CurrentSettings
 from daemon.config.model import Config
 from daemon.config.reload import Change, Reloader
@@ -38,6 +41,7 @@ from daemon.telemetry.status_line import StatusLine
 from daemon.telemetry.vitals import VitalsReader
 
 LINGER_MS = 200
+log = structlog.get_logger(__name__)
 
 
 @dataclass(frozen=True)
@@ -49,11 +53,13 @@ class Runtime:
     metrics: Metrics
     journal: Journal
     latch: FaultLatch
+    watchdog: Watchdog
     supervisor: StationSupervisor
     monitor: Monitor
     runner: JobRunner
     status_line: StatusLine
     announcer: Announcer
+    journal_watch: JournalWatch
     control: ControlSocket
     reloader: Reloader
 
@@ -77,6 +83,7 @@ class _Base:
     notifier: Notifier
     latch: FaultLatch
     lock: StationLock
+    watchdog: Watchdog
     status_line: StatusLine
 
 
@@ -102,6 +109,10 @@ async def put_together(config: Config, path: Path | None, stack: AsyncExitStack)
     )
     base.latch.subscribe(announcer.on_change)
     work = _make_work(base)
+    journal_watch = JournalWatch(
+        base.journal, base.latch, work.monitor,
+        announcer.report_interrupted, work.monitor.load, work.runner.write_held_back,
+    )  # fmt: skip
     control = _make_control(base, work, stack)
     stack.push_async_callback(work.supervisor.release)
     reloader = Reloader(
@@ -112,8 +123,8 @@ async def put_together(config: Config, path: Path | None, stack: AsyncExitStack)
         announcer.tell_of_reload,
     )
     return Runtime(
-        base.settings, base.notifier, base.metrics, base.journal, base.latch, work.supervisor, work.monitor,
-        work.runner, base.status_line, announcer, control, reloader,
+        base.settings, base.notifier, base.metrics, base.journal, base.latch, base.watchdog, work.supervisor,
+        work.monitor, work.runner, base.status_line, announcer, journal_watch, control, reloader,
     )  # fmt: skip
 
 
@@ -128,23 +139,31 @@ async def _make_base(config: Config, stack: AsyncExitStack) -> _Base:
     notifier = Notifier.from_environment()
     stack.callback(notifier.close)
     latch = FaultLatch()
+    watchdog = Watchdog(notifier.feed, notifier.feed_every_s)
     return _Base(
-        program, settings, journal, metrics, sockets, notifier, latch, StationLock(), StatusLine(latch, notifier)
-    )
+        program, settings, journal, metrics, sockets, notifier, latch, StationLock(), watchdog,
+        StatusLine(latch, notifier),
+    )  # fmt: skip
 
 
 def _make_work(base: _Base) -> _Work:
     settings, station = base.settings, base.settings.config.station
     calibrations = Calibrations(station.data_dir / "calibration", station.name)
     images = ImageArchive(station.data_dir / "pictures", station.pictures, station.pictures_quota_mb)
-    supervisor = StationSupervisor(settings, base.latch, base.lock, calibrations, base.journal, open_hardware)
+    touches = TouchCounter(
+        base.journal, base.metrics, lambda: monitor, lambda: base.latch.running[1] if base.latch.running else None
+    )
+    supervisor = StationSupervisor(
+        settings, base.latch, base.lock, calibrations, base.journal, open_hardware, touches.touched
+    )
     monitor = Monitor(settings, calibrations, lambda: supervisor.hardware, base.journal, base.sockets.events)
     runner = JobRunner(
         Surroundings(
             station=station.name, latch=base.latch, lock=base.lock, journal=base.journal,
             publisher=base.sockets.events, images=images, procedures=PROCEDURES, context=supervisor.context,
             limits=lambda: _limits(settings.config), observer=monitor,
-            watchdog=Watchdog(base.notifier.feed, base.notifier.feed_every_s), on_result=base.status_line.on_result,
+            watchdog=base.watchdog, on_result=base.status_line.on_result,
+            refusal=base.sockets.authenticator.refusal,
         )
     )  # fmt: skip
     return _Work(calibrations, images, supervisor, monitor, runner)
@@ -157,12 +176,12 @@ def _make_control(base: _Base, work: _Work, stack: AsyncExitStack) -> ControlSoc
         base.latch, lambda: work.runner.queued, work.calibrations, lambda: work.supervisor.hardware,
         config.station.data_dir,
     )  # fmt: skip
-    _serve_metrics(base.metrics, vitals, config.metrics.port, stack)
+    _serve_metrics(base, vitals, config.metrics.port, stack)
     handlers = Handlers(
         Collaborators(
             settings=base.settings, latch=base.latch, runner=work.runner, reset=work.supervisor.reset,
             calibrations=work.calibrations, images=work.images, metrics=base.metrics, monitor=work.monitor,
-            journal=base.journal, vitals=vitals.read,
+            journal=base.journal, vitals=vitals.read, needle=work.supervisor.needle,
         )
     )  # fmt: skip
     sockets = base.sockets
@@ -194,11 +213,20 @@ def _open_sockets(config: Config, journal: Journal, metrics: Metrics, stack: Asy
     return _Sockets(context, authenticator, events)
 
 
-def _serve_metrics(metrics: Metrics, vitals: VitalsReader, port: int, stack: AsyncExitStack) -> None:
-    metrics.watch(vitals.read)
-    if port:
-        metrics.serve(port)
-        stack.callback(metrics.close)
+def _serve_metrics(base: _Base, vitals: VitalsReader, port: int, stack: AsyncExitStack) -> None:
+    """Serve metrics if they are wanted; a port that is in use is told, and keeps no station from its work."""
+    base.metrics.watch(vitals.read)
+    if not port:
+        return
+    try:
+        base.metrics.serve(port)
+    except (OSError, RuntimeError) as exc:
+        facts = {"port": port, "error": str(exc), "advice": "free the port or choose another, then restart"}
+        log.error("metrics_not_served", **facts)
+        base.sockets.events.publish("log", {"event": "metrics_not_served", **facts})
+        base.status_line.note(f"no metrics: port {port} cannot be served")
+        return
+    stack.callback(base.metrics.close)
 
 
 def _limits(config: Config) -> JobLimits:

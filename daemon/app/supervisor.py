@@ -20,20 +20,31 @@ from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.states import BUSY, State
 from daemon.jobs.context import StationContext
 from daemon.jobs.fault_latch import AXES, FaultLatch
+from daemon.jobs.runner import EXCLUSIVE_WITHIN_S
 from daemon.jobs.station_lock import StationLock
+from daemon.jobs.watchdog import Watchdog
+from daemon.station.conditions import conditions_of
+from daemon.station.darkness import require_dark
 from daemon.station.device_errors import as_fault
 from daemon.station.devices import Hardware
 from daemon.station.kinematics import Geometry
+from daemon.station.needle import Needle
 from daemon.station.safe_shutdown import UNSURE, shut_down
 from daemon.station.station import Station
 from daemon.storage.calibration_store import Calibrations
 from daemon.storage.journal import Journal
 from drivers.deadline import Deadline
-from drivers.errors import DeadlinePassed, DeviceError, LinkTimeout
+from drivers.errors import CameraError, DeadlinePassed, DeviceError, LinkTimeout
 
 OPEN_WITHIN_S = 20.0
 FRAME_WITHIN_S = 8.0
-"""What a camera that was lost may take to come back, once its cause is gone."""
+"""What a camera that is opened again may take until its first picture."""
+FRESH_WITHIN_S = 1.5
+"""What a camera that is well may take at most for a picture."""
+LOOK_EVERY_S = 20.0
+"""At rest a picture is looked at this often, and once after every job that took some: both lamps are off."""
+ASK_AGAIN_S = 0.1
+"""How often a reset that waits looks whether a job has begun before it."""
 STOP_AGAIN_S = 0.1
 """Pause between two tries to stop what may still run."""
 DOUBT = "reference_doubt"
@@ -53,12 +64,18 @@ class StationSupervisor:
         calibrations: Calibrations,
         journal: Journal,
         open_devices: OpenDevices,
+        on_touch: Callable[[], None] = lambda: None,
     ) -> None:
         self._settings, self._latch, self._lock = settings, latch, lock
         self._calibrations, self._journal = calibrations, journal
         self._open_devices = open_devices
+        self.needle = Needle(lambda: "z" in latch.doubtful, on_touch)
+        """Where the needle is, as far as the drives have told since the daemon started."""
         self._hardware: Hardware | None = None
         self._context: StationContext | None = None
+        self._seen = -1
+        """How many pictures the camera had delivered when one was looked at last."""
+        self._look_again_s = 0.0
 
     @property
     def hardware(self) -> Hardware | None:
@@ -71,29 +88,44 @@ class StationSupervisor:
 
     def refresh_context(self) -> None:
         """Lay out what jobs work with by the settings in force."""
-        if self._hardware is None:
-            return
+        self._fit_calibrations()
+        if self._hardware is not None:
+            self._lay_out(self._hardware)
+
+    def _lay_out(self, hardware: Hardware) -> None:
         config, board = self._settings.config, self._settings.board
         geometry = Geometry(config, board, self._calibrations)
-        self._context = StationContext(config, Station(config, self._hardware), board, self._calibrations, geometry)
+        station = Station(config, hardware, self.needle)
+        self._context = StationContext(config, station, board, self._calibrations, geometry)
+
+    def _fit_calibrations(self) -> None:
+        """Read what was measured for just these settings; of the rest it is said why it is not used."""
+        self._calibrations.fit_to(conditions_of(self._settings.config, self._settings.board))
 
     # --- opening and reset -----------------------------------------------------------------------------------
 
     async def open(self) -> None:
         """Open the devices for the first time; what keeps the station closed becomes its fault."""
-        kept = await self._journal.kept(DOUBT)
-        self._latch.doubt(axis for axis in AXES if kept is not None and axis in kept.get("axes", ()))
+        self._latch.doubt(await self._kept_doubts())
         await self.reset()
         self._latch.opened()
+
+    async def _kept_doubts(self) -> list[str]:
+        """Return the axes that were in doubt when the daemon before this one ended; all, if nobody can read that."""
+        try:
+            kept = await self._journal.kept(DOUBT) or {}
+        except Fault as exc:
+            log.error("doubts_not_read", error=exc.message)
+            return list(AXES)
+        return [axis for axis in AXES if axis in kept.get("axes", ())]
 
     async def reset(self) -> Fault | None:
         """Open what is not open, clear what the drives hold, and clear the faults latched so far if nothing is wrong.
 
         Returns what still speaks against work; then nothing was cleared. Raises `Fault` (busy) while a job runs.
         """
-        if self._lock.holder == "job" or self._latch.state in BUSY:
-            raise Fault(FaultCode.BUSY, "a job runs; cancel it first")
-        async with self._lock.hold("reset"):
+        self._refuse_beside_job()
+        async with self._lock.hold("reset", every_s=ASK_AGAIN_S, still_waiting=self._refuse_beside_job):
             taken = self._latch.causes
             try:
                 await self._make_fit(taken)
@@ -102,13 +134,19 @@ class StationSupervisor:
             self._latch.clear(taken)
             return None
 
+    def _refuse_beside_job(self) -> None:
+        """Refuse a reset while a job runs, also one that began while the reset waited."""
+        if self._lock.holder == "job" or self._latch.state in BUSY:
+            raise Fault(FaultCode.BUSY, "a job runs; cancel it first")
+
     def _still_in_fault(self, taken: tuple[Fault, ...], error: Exception) -> Fault:
         """Latch what was found in front of what was latched before, and return it."""
         found = _latched(as_fault(error))
         if found.kind is FaultCode.INTERNAL:
             log.error("opening_failed_internally", exc_info=error)
-        if found.kind is FaultCode.NOT_HOMED:
-            self._latch.replace(taken, found)  # asked for last: all else is known to be well
+        if found.kind in (FaultCode.NOT_HOMED, FaultCode.NEEDLE_DOWN):
+            # Asked for last: all else is known to be well, but for a needle that nobody has raised.
+            self._latch.replace((cause for cause in taken if cause.kind is not FaultCode.NEEDLE_DOWN), found)
         else:
             self._latch.put_first(found)
         log.error("station_not_ready", error=found.message, advice=found.advice)
@@ -119,11 +157,13 @@ class StationSupervisor:
 
         What needs a person is asked last: `not_homed` means that everything else is well.
         """
+        trouble = await self._journal.mend()
         deadline = Deadline.after(OPEN_WITHIN_S)
         if self._hardware is None:
             fit = await self._open(deadline)
         else:
             fit = False
+            self._fit_calibrations()
             if await self._hardware.in_trouble(deadline):
                 self._latch.doubt(AXES)
             await self._settle_doubts(self._hardware, deadline)
@@ -133,32 +173,52 @@ class StationSupervisor:
         await self._settle_doubts(hardware, deadline)
         if not fit:
             await hardware.check_health(deadline)
-        for cause in taken:
-            await self._check_cause(cause, hardware)
+            await self._see(hardware)
         if not await hardware.gantry.homed(deadline):
+            self.needle.forget()
             raise Fault(FaultCode.NOT_HOMED)
+        await self._require_needle_up(taken, deadline)
+        # Behind all that speaks against moving: the journal's trouble may be over at any time, by itself.
+        if trouble is not None:
+            raise trouble
+
+    async def _require_needle_up(self, taken: tuple[Fault, ...], deadline: Deadline) -> None:
+        """Raise if the needle is down, or was and nobody has raised it since; nothing moves here."""
+        assert self._context is not None  # noqa: S101  # made with the hardware
+        await self._context.station.read_position(deadline)
+        if not self.needle.is_up:
+            raise self.needle.fault("it is below the height of looks")
+        if any(cause.kind is FaultCode.NEEDLE_DOWN for cause in taken):
+            raise self.needle.fault("only a lift settles that it is up")
 
     async def _open(self, deadline: Deadline) -> bool:
         """Open the devices; return whether the drives' self-test found them fit."""
-        self._calibrations.load()
+        self._fit_calibrations()
         self._hardware = hardware = await self._open_devices(self._settings.config, deadline)
-        self.refresh_context()
+        self._lay_out(hardware)
         log.info("station_open", camera=dict(hardware.camera.settings()))
         return all(axis.fit for axis in hardware.found.values())
 
-    async def _check_cause(self, cause: Fault, hardware: Hardware) -> None:
-        """Raise if the cause of a fault is still there that the drives know nothing of."""
-        match cause.kind:
-            case FaultCode.CAMERA_FAILED:
-                await hardware.camera.frame_after(time.monotonic(), Deadline.after(FRAME_WITHIN_S))
-            case FaultCode.JOURNAL_FAILED:
-                await self._journal.keep(DOUBT, {"axes": sorted(self._latch.doubtful)})
-            case _:
-                pass
+    async def _see(self, hardware: Hardware) -> None:
+        """Raise unless a fresh picture comes, and it is dark; a camera that gives none is opened again first.
+
+        Whatever was latched: a camera may have failed since without anybody having asked it for a picture.
+        """
+        limit = self._settings.config.lights.dark_level
+        try:
+            await require_dark(hardware, limit, Deadline.after(FRESH_WITHIN_S))
+        except CameraError as exc:
+            log.warning("camera_opened_again", error=str(exc))
+            await hardware.camera.close()
+            await hardware.camera.open(Deadline.after(FRAME_WITHIN_S))
+            await require_dark(hardware, limit, Deadline.after(FRAME_WITHIN_S))
+        self._looked(hardware)
 
     async def _settle_doubts(self, hardware: Hardware, deadline: Deadline) -> None:
         """Take the reference from every axis in doubt; one that is known to have lost it is in doubt no longer."""
         doubtful = sorted(self._latch.doubtful)
+        if doubtful:
+            self.needle.forget()
         errors: list[DeviceError] = []
         for axis in doubtful:
             try:
@@ -204,6 +264,7 @@ class StationSupervisor:
                     await self._check_health()
                 elif self._latch.doubtful:
                     await self._forget_homing(self._hardware)
+            await self._check_darkness()
 
     async def _rest(self) -> None:
         """Wait for the next check, or for an axis that came into doubt: that is written down at once."""
@@ -243,10 +304,45 @@ class StationSupervisor:
         log.error("station_lost", error=fault.message)
         self._latch.latch(fault)
 
-    async def first_check(self) -> None:
-        """Ask the drives once all is up: what the self-test of the start left out is read now."""
-        async with self._lock.hold("health check"):
+    async def _check_darkness(self) -> None:
+        """Look whether a lamp shines at rest, if it is time to; that becomes the station's fault.
+
+        The lock is not held: no job waits for a picture of ours. What a job does meanwhile makes the picture void.
+        """
+        hardware = self._hardware
+        if hardware is None or not self._at_rest() or not self._time_to_look(hardware):
+            return
+        seen = hardware.camera.statistics().delivered
+        self._looked(hardware)
+        try:
+            await require_dark(hardware, self._settings.config.lights.dark_level, Deadline.after(FRESH_WITHIN_S))
+        except CameraError as exc:
+            log.debug("darkness_not_seen", error=str(exc))
+        except Exception as exc:  # noqa: BLE001  # whatever the picture tells becomes the station's fault
+            if self._at_rest() and hardware.camera.statistics().delivered == seen + 1:
+                fault = _latched(as_fault(exc))
+                log.error("light_at_rest", error=fault.message)
+                self._latch.latch(fault)
+        self._looked(hardware)
+
+    def _at_rest(self) -> bool:
+        return self._lock.holder is None and self._latch.state is State.IDLE
+
+    def _time_to_look(self, hardware: Hardware) -> bool:
+        return hardware.camera.statistics().delivered != self._seen or time.monotonic() >= self._look_again_s
+
+    def _looked(self, hardware: Hardware) -> None:
+        self._seen, self._look_again_s = hardware.camera.statistics().delivered, time.monotonic() + LOOK_EVERY_S
+
+    async def first_check(self, watchdog: Watchdog) -> None:
+        """Ask the drives once all is up: what the self-test of the start left out is read now.
+
+        No job loop runs yet, so the watchdog is fed here while resets are before it.
+        """
+        waiting = watchdog.patience(EXCLUSIVE_WITHIN_S, lambda: self._lock.turns)
+        async with self._lock.hold("health check", every_s=watchdog.every_s, still_waiting=waiting):
             await self._check_health()
+        await self._check_darkness()
 
     async def _forget_homing(self, hardware: Hardware) -> None:
         """Write the doubt into the drives as soon as they answer."""

@@ -37,7 +37,9 @@ class FaultLatch:
         self._machine = Machine(self._changed)
         self._causes: tuple[Fault, ...] = ()
         self._set_aside: tuple[Fault, ...] = ()
-        """What homing is to cure, while it runs: it comes back unless homing comes to its end."""
+        """What the running job is to cure: it comes back unless the job comes to its end."""
+        self._passing: Fault | None = None
+        """Why the last job failed, while its end is told: a fault that clears itself."""
         self._doubtful: frozenset[str] = frozenset()
         self._lifecycle = Lifecycle.OPENING
         self._job: tuple[str, str] | None = None
@@ -60,7 +62,8 @@ class FaultLatch:
     @property
     def fault(self) -> Fault | None:
         """The first cause of the present fault; refusals name it."""
-        return self._causes[0] if self._causes else None
+        causes = self._causes  # once: a scrape asks from another thread
+        return causes[0] if causes else None
 
     @property
     def causes(self) -> tuple[Fault, ...]:
@@ -78,11 +81,8 @@ class FaultLatch:
         return self._job
 
     def against(self, op: str) -> Fault | None:
-        """Return the latched fault that speaks against an operation; homing is what cures `not_homed`."""
-        for cause in self._causes:
-            if not (op == "home" and cause.kind is FaultCode.NOT_HOMED):
-                return cause
-        return None
+        """Return the first latched fault that speaks against an operation: one that it does not cure."""
+        return next((cause for cause in self._causes if op not in cause.kind.cured_by), None)
 
     def subscribe(self, listener: Callable[[StateChange], None]) -> None:
         """Have every transition told, after it was made."""
@@ -136,8 +136,8 @@ class FaultLatch:
     # --- jobs ------------------------------------------------------------------------------------------------
 
     def begin(self, op: str, job_id: str) -> None:
-        """Begin a job that nothing speaks against; homing leaves `not_homed` for as long as it runs."""
-        if op == "home" and self.state is State.FAULT:
+        """Begin a job that nothing speaks against; the faults that it cures are left for as long as it runs."""
+        if self.state is State.FAULT and self.against(op) is None and self._causes:
             self._set_aside, self._causes = self._causes, ()
             self._machine.fire(Event.CLEARED)
         self._job = (op, job_id)
@@ -151,24 +151,33 @@ class FaultLatch:
         """Take one transition of the running job."""
         return self._machine.fire(event)
 
-    def end(self, event: Event, found: Fault | None = None) -> None:
-        """Take a job's last transition, with the fault that it leaves latched; another fault clears itself.
+    def end(self, event: Event, *found: Fault, passing: Fault | None = None) -> None:
+        """Take a job's last transition, with the faults that it leaves latched; another, `passing`, clears itself.
 
-        Homing that came to its end has settled every axis; homing that did not leaves what it was to cure.
+        A job that came to its end has cured what it was to cure, and homing has settled every axis; one that did not
+        leaves it. Raises `IllegalTransition` if the job may not end so where it stands; the station is then in fault.
         """
-        homing = self._job is not None and self._job[0] == "home"
-        if homing and event is Event.ON_TARGET:
-            self._set_aside, self._doubtful = (), frozenset()
-        if found is not None:
-            self._add(found)
+        if event is Event.ON_TARGET:
+            self._set_aside = ()
+            if self._job is not None and self._job[0] == "home":
+                self._doubtful = frozenset()
+        for fault in found:
+            self._add(fault)
         for cause in self._set_aside:
             self._add(cause)
         self._set_aside = ()
-        if self.state in BUSY:
-            self._machine.fire(event)
-        if self._causes:
-            self._enter_fault()
-        self._job = None
+        self._passing = passing
+        try:
+            if self.state in BUSY:
+                self._machine.fire(event)
+        except IllegalTransition as exc:
+            # Else the station would look busy with nothing running, and no reset would be let in.
+            self._add(Fault(FaultCode.INTERNAL, str(exc)))
+            raise
+        finally:
+            if self._causes:
+                self._enter_fault()
+            self._job = self._passing = None
         self._leave_if_clear()
 
     def _enter_fault(self) -> None:
@@ -192,6 +201,7 @@ class FaultLatch:
         self._lifecycle = Lifecycle.CLOSING
 
     def _changed(self, before: State, event: Event, after: State) -> None:
-        change = StateChange(before, event, after, self._job[1] if self._job else None, self.fault)
+        fault = self.fault or (self._passing if after is State.FAULT else None)
+        change = StateChange(before, event, after, self._job[1] if self._job else None, fault)
         for listener in self._listeners:
             listener(change)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
+
 from daemon.domain.board import Board
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.results import ErrorBody
+from daemon.station.needle import Needle
 from daemon.wire.operations.jobs import AnyJob
 
 
@@ -20,6 +23,12 @@ def refuse_in_fault(latched: Fault | None) -> None:
     )
 
 
+def refuse_with_needle_down(op: str, needle: Needle) -> None:
+    """Refuse all but what raises the needle while it is not known to be up."""
+    if op not in FaultCode.NEEDLE_DOWN.cured_by and not needle.is_up:
+        raise needle.fault("nothing begins before it was raised")
+
+
 def refuse_unknown_point(request: AnyJob, board: Board) -> None:
     """Refuse a test point or fiducial that the board has not; what is to be corrected must be a target of the probe."""
     name = getattr(request, "test_point", None)
@@ -31,5 +40,10 @@ def refuse_unknown_point(request: AnyJob, board: Board) -> None:
 
 def refuse_other_request(job_id: str, asked: str, known: str) -> None:
     """Refuse an id that stood for another request; both in their canonical form."""
-    if asked != known:
+    if asked != known and _given(asked) != _given(known):
         raise Fault(FaultCode.ID_REUSED, f"id {job_id!r} was used for a different request", id=job_id)
+
+
+def _given(canonical: str) -> dict[str, object]:
+    """Return the fields that say something: a request of an older version lacks those that were added since."""
+    return {field: value for field, value in json.loads(canonical).items() if value is not None}

@@ -1,7 +1,8 @@
 """The job runner: one job runs, the rest wait, and an id always gets the same answer.
 
 This is where a job's end becomes the machine's last transition, the journal's entry, the event and the answer, in that
-order. Whatever a job raises, the lights go off, and what it leaves latched goes to the `FaultLatch`, which owns it.
+order. Whatever a job raises, the station is made safe first (`daemon.jobs.safe_ending`: still, needle up, dark), and
+what it leaves latched goes to the `FaultLatch`, which owns it.
 """
 
 from __future__ import annotations
@@ -23,19 +24,24 @@ from daemon.jobs.fair_queue import FairQueue
 from daemon.jobs.fault_latch import FaultLatch
 from daemon.jobs.image_archive import ImageArchive
 from daemon.jobs.observer import JobObserver, Publisher
-from daemon.jobs.preconditions import refuse_in_fault, refuse_other_request, refuse_unknown_point
+from daemon.jobs.preconditions import (
+    refuse_in_fault,
+    refuse_other_request,
+    refuse_unknown_point,
+    refuse_with_needle_down,
+)
+from daemon.jobs.safe_ending import make_safe
 from daemon.jobs.station_lock import StationLock
 from daemon.jobs.watchdog import Watchdog
 from daemon.platform.clock import utc_now
-from daemon.station.allowance import Allowance
 from daemon.station.device_errors import as_fault, forget_frames
 from daemon.storage.journal import Journal
 from daemon.wire.deadline import due_at_s
 from daemon.wire.operations.jobs import AnyJob
 from daemon.wire.operations.table import OPERATIONS
 from drivers.deadline import Deadline
+from drivers.shielded import finish
 
-DARK_WITHIN_S = 2.0
 EXCLUSIVE_WITHIN_S = 60.0
 """What a reset, a health check or a reload may take at most while a job waits for it."""
 log = structlog.get_logger(__name__)
@@ -83,8 +89,45 @@ class Surroundings:
     """The limits in force; read with every request."""
     observer: JobObserver = field(default_factory=JobObserver)
     watchdog: Watchdog = field(default_factory=Watchdog)
+    refusal: Callable[[str, str], Fault | None] = lambda _client, _op: None
+    """Why a client may not have an operation run any more, asked again when its job's turn has come."""
     on_result: Callable[[JobResult], None] = lambda _result: None
     """Called with every result, once it has been published."""
+
+
+@dataclass(frozen=True)
+class _Ended:
+    """A job that has ended, and how: all that its result tells."""
+
+    request: AnyJob
+    job: JobContext
+    outcome: Outcome
+    fault: Fault | None
+    finished_at: str
+    timing_ms: dict[str, dict[str, float]]
+    folder: Path | None
+
+    def result(self, station: str, seq: int) -> JobResult:
+        """Put the result into words, under the number of the event that carries it."""
+        job, outcome, fault = self.job, self.outcome, self.fault
+        return JobResult(
+            id=self.request.id,
+            op=self.request.op,
+            ok=fault is None,
+            seq=seq,
+            station=station,
+            finished_at=self.finished_at,
+            outcome=outcome.outcome if fault is None else "failed",
+            test_point=outcome.test_point,
+            error_before_um=outcome.error_before_um,
+            error_after_um=outcome.error_after_um,
+            looks=job.looks,
+            moves=job.moves,
+            timing_ms=self.timing_ms,
+            pictures=str(self.folder) if self.folder and job.looks else None,
+            detail=outcome.detail,
+            error=ErrorBody.of(fault) if fault else None,
+        )
 
 
 class JobRunner:
@@ -98,6 +141,8 @@ class JobRunner:
         self._open: dict[str, _Ticket] = {}
         self._running: _Ticket | None = None
         self._progress: dict[str, Any] | None = None
+        self._unwritten: dict[str, _Ended] = {}
+        """Jobs that have ended and whose results nobody was told, for they could not be written."""
 
     # --- taking ----------------------------------------------------------------------------------------------
 
@@ -124,8 +169,10 @@ class JobRunner:
         self._open[request.id] = ticket
         try:
             await self._journal.add_job(request.id, request.op, canonical)
-        except BaseException:
-            del self._open[request.id]
+        except BaseException as exc:
+            self._open.pop(request.id, None)
+            # Who sent the same id meanwhile waits for this ticket, and would wait without end.
+            _refuse(ticket.done, exc)
             raise
         self._waiting.put(client, ticket)
         return ticket.done
@@ -145,7 +192,7 @@ class JobRunner:
             return None
         refuse_other_request(job_id, canonical, stored.request)
         if stored.result is None:  # the disk failed when it ended; nobody may wait for it without end
-            raise Fault(FaultCode.JOURNAL_FAILED, f"the result of job {job_id!r} could not be written"[:200], id=job_id)
+            raise _not_written(job_id)
         done: asyncio.Future[JobResult] = asyncio.get_running_loop().create_future()
         done.set_result(stored.result)
         return done
@@ -163,10 +210,11 @@ class JobRunner:
 
     async def run(self) -> None:
         """Run jobs until cancelled; cancelling stops the one under way safely."""
+        lock = self._with.lock
         while True:
             ticket = await self._next()
-            waiting = self._watchdog.patience(EXCLUSIVE_WITHIN_S)
-            async with self._with.lock.hold("job", every_s=self._watchdog.every_s, still_waiting=waiting):
+            waiting = self._watchdog.patience(EXCLUSIVE_WITHIN_S, lambda: lock.turns)
+            async with lock.hold("job", every_s=self._watchdog.every_s, still_waiting=waiting):
                 self._watchdog.begin(ticket.due_s)
                 running = asyncio.create_task(self._run_one(ticket), name=f"job {ticket.request.id}")
                 try:
@@ -194,30 +242,42 @@ class JobRunner:
 
     async def _run_one(self, ticket: _Ticket) -> None:
         """Run one job and tell everybody how it ended."""
-        await self._journal.reserve_seqs()
         self._running = ticket
         request = ticket.request
         self._progress = None
-        keep_step, tell = self._keep_step(request.id), self._tell_progress(request)
-        job = ticket.job = JobContext(request, Deadline(ticket.due_s), self._latch.fire, keep_step, tell)
+        job = ticket.job = self._job_context(ticket)
         with structlog.contextvars.bound_contextvars(job=request.id, op=request.op):
             try:
                 outcome, fault = await self._outcome(ticket, job), None
             except asyncio.CancelledError:
-                await self._finish(ticket, job, job.partial, Fault(FaultCode.SHUTTING_DOWN, "the daemon was stopped"))
+                stopped = Fault(FaultCode.SHUTTING_DOWN, "the daemon was stopped")
+                await finish(self._finish(ticket, job, job.partial, stopped))
                 raise
             except Exception as exc:  # the one place where every way a job can end is turned into an answer
                 outcome, fault = job.partial, as_fault(exc)
                 if fault.kind is FaultCode.INTERNAL:
                     log.exception("job_failed_internally")
                 forget_frames(exc)
-            await self._finish(ticket, job, outcome, fault)
+            # A job that came to its end is answered even if the daemon is told to stop while that is written down.
+            await finish(self._finish(ticket, job, outcome, fault))
+
+    def _job_context(self, ticket: _Ticket) -> JobContext:
+        keep_step, tell = self._keep_step(ticket.request.id), self._tell_progress(ticket.request)
+        return JobContext(ticket.request, Deadline(ticket.due_s), self._latch.fire, keep_step, tell)
+
+    async def refuse_waiting(self) -> None:
+        """Answer the jobs that never began because the daemon stops; `run` must be over."""
+        for ticket in tuple(self._open.values()):
+            job = self._job_context(ticket)
+            fault = Fault(FaultCode.SHUTTING_DOWN, "the daemon was stopped before the job began")
+            await self._finish(ticket, job, job.partial, fault)
 
     async def _outcome(self, ticket: _Ticket, job: JobContext) -> Outcome:
         """Do what the job asks for; take the machine's last transition however it ends."""
         end = Event.ON_TARGET
-        latched: Fault | None = None
+        met: Fault | None = None
         try:
+            await self._journal.reserve_seqs()
             if ticket.cancelled:
                 raise Fault(FaultCode.CANCELLED, "cancelled before it began")
             context = self._admit(ticket)
@@ -227,30 +287,48 @@ class JobRunner:
             end = Event.CANCELLED
             raise
         except Exception as exc:
-            fault = as_fault(exc)
-            end = self._ending(fault)
-            latched = self._latched_by(fault)
+            met = as_fault(exc)
+            end = self._ending(met)
             raise
         finally:
-            # The job's own trouble came first; that the lights then failed too is usually its consequence.
-            lights = await self._lights_off(job)
-            self._latch.end(end, latched or lights)
+            unsafe: list[Fault] = []
+            try:
+                await self._make_safe(job, met, unsafe)
+            finally:
+                # The job's own trouble came first; what failed after it is usually its consequence.
+                self._latch.end(end, *self._latched_by(met), *unsafe, passing=met)
 
-    def _latched_by(self, fault: Fault) -> Fault | None:
-        """Return what keeps the daemon in fault: a latched fault, or that homing began and did not end."""
+    async def _make_safe(self, job: JobContext, met: Fault | None, unsafe: list[Fault]) -> None:
+        """Stop, raise the needle and darken after a job that began; a cancellation waits until that is done."""
+        context = self._with.context()
+        if context is not None and self._latch.state in BUSY:
+            await finish(make_safe(context.station, self._latch, met, job.watch, unsafe))
+
+    def _latched_by(self, fault: Fault | None) -> tuple[Fault, ...]:
+        """Return what keeps the daemon in fault: a latched fault, or that homing moved something and did not end.
+
+        That the needle was down keeps nobody once it was raised.
+        """
+        context = self._with.context()
+        if fault is None or (fault.kind is FaultCode.NEEDLE_DOWN and context and context.station.needle.is_up):
+            return ()
         if fault.kind.latched:
-            return fault
+            return (fault,)
         began = self._latch.running
-        homing = began is not None and began[0] == "home"
-        return Fault(FaultCode.NOT_HOMED, f"homing ended early: {fault.message}") if homing else None
+        homing = began is not None and began[0] == "home" and self._latch.state is not State.TRIGGERED
+        return (Fault(FaultCode.NOT_HOMED, f"homing ended early: {fault.message}"),) if homing else ()
 
     def _admit(self, ticket: _Ticket) -> StationContext:
         """Begin: ask once more what speaks against the job, go to `triggered`, and check the deadline again."""
         request = ticket.request
         refuse_in_fault(self._latch.against(request.op))
+        refusal = self._with.refusal(ticket.client, request.op)
+        if refusal is not None:
+            raise refusal
         context = self._with.context()
         if context is None:
             raise Fault(FaultCode.IN_FAULT, "the station is not open")
+        refuse_with_needle_down(request.op, context.station.needle)
         self._latch.begin(request.op, request.id)
         if Deadline(ticket.due_s).expired:
             raise Fault(FaultCode.STALE_DEADLINE, "the deadline passed while the job waited", id=request.id)
@@ -291,53 +369,23 @@ class JobRunner:
             return Event.REFUSED
         return Event.FAILED
 
-    async def _lights_off(self, job: JobContext) -> Fault | None:
-        """Switch the lights off; return what kept them on, which never hides how the job ended."""
-        context = self._with.context()
-        if context is None or self._latch.state not in BUSY:
-            return None
-        try:
-            await asyncio.shield(context.station.lights_off(Allowance(Deadline.after(DARK_WITHIN_S), job.watch)))
-        except Exception as exc:  # noqa: BLE001  # the job's own end matters more; the light's trouble latches a fault
-            log.error("lights_not_off", error=str(exc))
-            return as_fault(exc)
-        return None
-
     # --- telling ---------------------------------------------------------------------------------------------
 
     async def _finish(self, ticket: _Ticket, job: JobContext, outcome: Outcome, fault: Fault | None) -> None:
-        """Journal, publish, answer, then keep the pictures; in this order."""
+        """Journal, publish, answer, then keep the pictures; in this order.
+
+        A result that cannot be written is told to nobody: after a kill the next start could not but tell another.
+        """
         timing = job.watch.timing_ms()
         folder = self._with.images.folder_for(ticket.request, failed=fault is not None)
-        result = JobResult(
-            id=ticket.request.id,
-            op=ticket.request.op,
-            ok=fault is None,
-            seq=self._journal.take_seq(),
-            station=self._with.station,
-            finished_at=utc_now(),
-            outcome=outcome.outcome if fault is None else "failed",
-            test_point=outcome.test_point,
-            error_before_um=outcome.error_before_um,
-            error_after_um=outcome.error_after_um,
-            looks=job.looks,
-            moves=job.moves,
-            timing_ms=timing,
-            pictures=str(folder) if folder and job.looks else None,
-            detail=outcome.detail,
-            error=ErrorBody.of(fault) if fault else None,
-        )
+        ended = _Ended(ticket.request, job, outcome, fault, utc_now(), timing, folder)
+        await self._settle(job)
         try:
-            await job.settle()
-            await self._journal.finish_job(result)
+            result = await self._write(ended)
         except Fault as disk:
-            self._latch.latch(disk)
-        self._with.publisher.publish("result", result.model_dump(mode="json"), seq=result.seq)
-        self._with.on_result(result)
-        # Answered is over: what is kept of it afterwards cannot be cancelled any more, and nobody is refused for it.
-        self._with.lock.goes_on_as("archive")
-        self._running = None
-        self._open.pop(ticket.request.id, None)
+            self._hold_back(ended, ticket, disk)
+            return
+        self._let_go(ticket)
         if not ticket.done.done():
             ticket.done.set_result(result)
         log.info("job_done", outcome=result.outcome, ok=result.ok, error=fault.message if fault else None)
@@ -345,9 +393,58 @@ class JobRunner:
         if result.pictures and folder:
             await self._keep_pictures(folder, job, result)
 
+    @staticmethod
+    async def _settle(job: JobContext) -> None:
+        """Wait for the job's looks and moves to be on disk; one that is not costs no result."""
+        try:
+            await job.settle()
+        except Exception as exc:  # noqa: BLE001  # a note is not worth a result
+            log.error("steps_not_kept", error=str(exc))
+
+    async def _write(self, ended: _Ended) -> JobResult:
+        """Write a result down and publish it; raise `Fault` if it cannot be written."""
+        written: list[JobResult] = []
+
+        async def write(seq: int) -> dict[str, Any]:
+            result = ended.result(self._with.station, seq)
+            await self._journal.finish_job(result)
+            written.append(result)
+            return result.model_dump(mode="json")
+
+        await self._with.publisher.publish_written("result", write)
+        self._with.on_result(written[0])
+        return written[0]
+
+    def _hold_back(self, ended: _Ended, ticket: _Ticket, disk: Fault) -> None:
+        """Keep a result until it can be written; whoever waits is told to ask again."""
+        ended.job.first_look = ended.job.last_look = None  # their pictures are 24 MB
+        self._unwritten[ended.request.id] = ended
+        self._latch.latch(disk)
+        self._let_go(ticket)
+        _refuse(ticket.done, _not_written(ended.request.id))
+        log.error("result_not_written", error=disk.message)
+
+    def _let_go(self, ticket: _Ticket) -> None:
+        """Be done with a job: what is kept of it from now on can be cancelled no more, and nobody is refused for it."""
+        self._with.lock.goes_on_as("archive")
+        self._running = None
+        self._open.pop(ticket.request.id, None)
+
+    async def write_held_back(self) -> None:
+        """Write and tell the results that could not be written before; raise `Fault` if that still fails."""
+        for job_id, ended in list(self._unwritten.items()):
+            result = await self._write(ended)
+            del self._unwritten[job_id]
+            log.info("result_written_late", id=job_id, outcome=result.outcome)
+            self._with.observer.on_result(ended.job, result)
+
     async def _keep_pictures(self, folder: Path, job: JobContext, result: JobResult) -> None:
         """Keep the pictures; that they cannot be kept any more, or can again, is an alert."""
-        await self._with.images.keep(folder, job, result)
+        try:
+            await self._with.images.keep(folder, job, result)
+        except Exception:  # what is kept of a job that was answered must not end the job loop
+            log.exception("images_failed_internally", folder=str(folder))
+            return
         # Told each time: an alert of a daemon before this one may stand, whose cause is gone.
         self._with.observer.on_flag("pictures_not_kept", self._with.images.full)
 
@@ -391,3 +488,17 @@ class JobRunner:
         if ticket.task is not None:
             ticket.task.cancel()
         return ticket.request.id
+
+
+def _not_written(job_id: str) -> Fault:
+    return Fault(
+        FaultCode.JOURNAL_FAILED, f"job {job_id!r} has ended, but its result could not be written yet"[:200],
+        id=job_id, advice="free disk space, then ask again with the same id",
+    )  # fmt: skip
+
+
+def _refuse(done: asyncio.Future[JobResult], why: BaseException) -> None:
+    """Refuse a job to those who wait for it; that nobody may wait for it is no error."""
+    if not done.done():
+        done.set_exception(as_fault(why) if isinstance(why, Exception) else Fault(FaultCode.SHUTTING_DOWN))
+        done.exception()

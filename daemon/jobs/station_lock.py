@@ -16,11 +16,17 @@ class StationLock:
     def __init__(self) -> None:
         self._lock = asyncio.Lock()
         self._holder: Holder | None = None
+        self._turns = 0
 
     @property
     def holder(self) -> Holder | None:
         """Who holds it."""
         return self._holder
+
+    @property
+    def turns(self) -> int:
+        """How often it was taken so far; who waits sees by it that those before it come to their end."""
+        return self._turns
 
     def goes_on_as(self, holder: Holder) -> None:
         """Say that who holds it does something else from here on: a job that was answered only keeps its images."""
@@ -30,19 +36,29 @@ class StationLock:
     async def hold(
         self, holder: Holder, *, every_s: float | None = None, still_waiting: Callable[[], None] = lambda: None
     ) -> AsyncIterator[None]:
-        """Wait for the lock and hold it inside; `still_waiting` is called each `every_s` that it takes."""
-        while not await self._acquired(every_s):
-            still_waiting()
+        """Wait for the lock and hold it inside.
+
+        `still_waiting` is called each `every_s` that it takes; what it raises ends the waiting.
+        """
+        await self._take(every_s, still_waiting)
         self._holder = holder
+        self._turns += 1
         try:
             yield
         finally:
             self._holder = None
             self._lock.release()
 
-    async def _acquired(self, within_s: float | None) -> bool:
+    async def _take(self, every_s: float | None, still_waiting: Callable[[], None]) -> None:
+        """Take the lock; the place in the line is kept while `still_waiting` is called."""
+        taking = asyncio.ensure_future(self._lock.acquire())
         try:
-            async with asyncio.timeout(within_s):
-                return await self._lock.acquire()
-        except TimeoutError:
-            return False
+            while not taking.done():
+                await asyncio.wait({taking}, timeout=every_s)
+                if not taking.done():
+                    still_waiting()
+        except BaseException:
+            if taking.done():
+                self._lock.release()
+            taking.cancel()
+            raise

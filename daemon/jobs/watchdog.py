@@ -60,10 +60,21 @@ class Watchdog:
             log.error("job_hangs", why=wrong, advice="the watchdog, if there is one, restarts the daemon")
         return False
 
-    def patience(self, wait_s: float) -> Callable[[], None]:
-        """Return what feeds while the job loop waits for something, for `wait_s` at most."""
-        until_s = self._clock() + wait_s
-        return lambda: self._feed() if self._clock() < until_s else None
+    def patience(self, wait_s: float, turn: Callable[[], Hashable] = lambda: None) -> Callable[[], None]:
+        """Return what feeds while the job loop waits for something, for `wait_s` at most.
+
+        Where several are before it, `turn` changes with each of them, and each may take as long.
+        """
+        until_s, last = self._clock() + wait_s, turn()
+
+        def still_waiting() -> None:
+            nonlocal until_s, last
+            if turn() != last:
+                until_s, last = self._clock() + wait_s, turn()
+            if self._clock() < until_s:
+                self._feed()
+
+        return still_waiting
 
     def end(self) -> None:
         """Watch the job no more: it is over."""

@@ -17,10 +17,13 @@ async def draw(module: str, arguments: Sequence[str], within_s: float, nicer: in
 
     `nicer`: how much less of the processor it gets. The process never outlives this call, however the call ends.
     """
-    process = await asyncio.create_subprocess_exec(
-        "nice", "-n", str(nicer), sys.executable, "-m", module, *arguments,
-        stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE,
-    )  # fmt: skip
+    try:
+        process = await asyncio.create_subprocess_exec(
+            "nice", "-n", str(nicer), sys.executable, "-m", module, *arguments,
+            stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE,
+        )  # fmt: skip
+    except OSError as exc:  # the limit of processes, or of memory
+        return NOT_WRITTEN, f"the process that draws the page cannot be started: {exc}"
     try:
         _, words = await asyncio.wait_for(process.communicate(), within_s)
     except TimeoutError:

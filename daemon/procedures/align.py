@@ -11,7 +11,7 @@ from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.states import Event
 from daemon.jobs.context import JobContext, Outcome, StationContext
 from daemon.procedures.aiming import UNCLEAR, Aim, look_and_aim
-from daemon.procedures.calibrate.commit import Began, keep, tell_old
+from daemon.procedures.calibrate.commit import Began, keep, on_disk, tell_old
 from daemon.procedures.correct import sidestep_um
 from daemon.procedures.move_sequence import MoveSequence, shifted
 from daemon.storage.calibration_records import Aligned, AlignmentLimits, AlignmentRecord
@@ -31,7 +31,7 @@ SCATTER_UM = 6.0
 
 
 async def align(job: JobContext, context: StationContext, request: Align) -> Outcome:
-    """Look at the fiducials from the head angles asked for and keep the board's pose; else the old one stays."""
+    """Look at the fiducials from the head angles asked for and keep the board's pose; else none is in force."""
     tell_old(job, context, "alignment")
     points = _fiducials(request, context)
     context.calibrations.require_probe()
@@ -42,6 +42,7 @@ async def align(job: JobContext, context: StationContext, request: Align) -> Out
     for _, place in stops:
         context.station.check(shifted(place, -r, -r))
         context.station.check(shifted(place, r, r))
+    await _begin(job, context, request)
     job.fire(Event.ACCEPTED)
     sequence, began = MoveSequence(job, context), Began.now(job)
     views: dict[str, list[Array]] = {p.name: [] for p in points}
@@ -49,9 +50,17 @@ async def align(job: JobContext, context: StationContext, request: Align) -> Out
         job.progress(n, len(stops), f"looking at {point.name}")
         views[point.name].append(await _place_um(sequence, point, place, pose_map))
     fitted = _fit(points, views, context)
-    record = _record(fitted, points, views, context, began.facts(job, context))
+    record = _record(fitted, points, views, context, began.facts(job, context) | {"board_id": request.board_id})
     kept = await keep(job, context, record)
     return Outcome("aligned", detail=_told(record, context) | kept)
+
+
+async def _begin(job: JobContext, context: StationContext, request: Align) -> None:
+    """Hold the old pose for void: who aligns doubts it, and however this ends, only one that passes is true."""
+    which = f" of board {request.board_id}" if request.board_id is not None else ""
+    why = f"the last alignment{which} (job {request.id[:64]}) did not pass"
+    await on_disk(context.calibrations.void_alignment, why)
+    tell_old(job, context, "alignment")
 
 
 def _fiducials(request: Align, context: StationContext) -> list[BoardPoint]:

@@ -16,6 +16,7 @@ from daemon.domain.board import BoardPoint
 from daemon.domain.errors import Fault, FaultCode
 from daemon.station.allowance import Clocked
 from daemon.station.devices import Hardware
+from daemon.station.needle import HEIGHT_WINDOW_UM, Needle, heights
 from drivers.camera import Frame
 from drivers.deadline import Deadline
 from drivers.gantry import Position
@@ -24,8 +25,6 @@ from vision import ControlPoint, NotFound, ProbeModel, Seen, Tip, find_control_p
 from vision.geometry import PoseMap
 
 HOMED_WITHIN_S = 2.0
-HEIGHT_WINDOW_UM = 5.0
-"""The head is at working height when Z agrees this well."""
 
 
 @dataclass(frozen=True)
@@ -74,9 +73,13 @@ class CrossSearch:
 class Station:
     """The opened hardware as one thing that looks and goes."""
 
-    def __init__(self, config: Config, hardware: Hardware) -> None:
+    def __init__(self, config: Config, hardware: Hardware, needle: Needle | None = None) -> None:
+        """Take the needle, which outlives a reload of the configuration; without one the station has its own."""
         self._gantry_section, self._camera_section = config.gantry, config.camera
         self._hardware = hardware
+        self.needle = needle or Needle()
+        """Where the needle is; told of every move and every position."""
+        self.needle.adopt(*heights(config.gantry))
         self._resting_since_s = time.monotonic()
 
     @property
@@ -87,19 +90,36 @@ class Station:
     async def position(self, caller: Clocked) -> Position:
         """Read where the axes are."""
         with caller.watch.spend("bus"):
-            return await self._hardware.gantry.position(caller.deadline)
+            return await self.read_position(caller.deadline)
+
+    async def read_position(self, deadline: Deadline) -> Position:
+        """Read where axes that have their reference are, and let the needle know; nobody's waiting is booked."""
+        position = await self._hardware.gantry.position(deadline)
+        self.needle.reported(position)
+        return position
 
     async def go(self, target: Position, caller: Clocked, *, from_above: frozenset[str] = frozenset()) -> Position:
         """Move the head and return where the drives report it to be; cancelling stops it.
 
+        Raises `Fault` for a target that is not straight above or below while the needle is not known to be up.
+
         `from_above`: axes that come to the target from above, against the rule; only who measures backlash wants that.
         """
         self._hardware.gantry.check(target)
+        if not self.needle.is_up:
+            self.needle.refuse_sideways(self.needle.position or await self.position(caller), target)
         with caller.watch.spend("motion"):
-            try:
-                return await self._hardware.gantry.move_to(target, caller.deadline, from_above=from_above)
-            finally:
-                self._resting_since_s = time.monotonic()
+            return await self._move(target, caller.deadline, from_above)
+
+    async def _move(self, target: Position, deadline: Deadline, from_above: frozenset[str] = frozenset()) -> Position:
+        """Move, and let the needle know before and after."""
+        self.needle.departs(target)
+        try:
+            reached = await self._hardware.gantry.move_to(target, deadline, from_above=from_above)
+        finally:
+            self._resting_since_s = time.monotonic()
+        self.needle.reported(reached)
+        return reached
 
     async def to_work_height(self, position: Position, caller: Clocked) -> Position:
         """Bring Z to the one height at which looks are taken; return the position."""
@@ -109,12 +129,14 @@ class Station:
         return await self.go(level, caller)
 
     async def home(self, caller: Clocked) -> None:
-        """Home all axes."""
+        """Home all axes, Z first and up; where the needle is then is read back."""
+        self.needle.forget()
         with caller.watch.spend("motion"):
             try:
                 await self._hardware.gantry.home(caller.deadline)
             finally:
                 self._resting_since_s = time.monotonic()
+        await self.position(caller)
 
     async def require_homed(self, caller: Clocked) -> None:
         """Raise unless every drive still knows where it is."""
@@ -173,16 +195,26 @@ class Station:
         with caller.watch.spend("bus"):
             await self._hardware.lights.set(Light.OFF, caller.deadline)
 
+    @property
+    def moving(self) -> bool:
+        """Whether a move or a homing run is under way."""
+        return self._hardware.gantry.moving
+
     async def stop(self) -> None:
         """Stop all motion at once, whatever else goes on."""
         await self._hardware.gantry.quick_stop()
 
-    async def retract(self, deadline: Deadline) -> None:
-        """Lift the needle to the safe height."""
-        position = await self._hardware.gantry.position(deadline)
+    async def homed(self, deadline: Deadline) -> bool:
+        """Ask every drive whether it has its reference."""
+        return await self._hardware.gantry.homed(deadline)
+
+    async def retract(self, deadline: Deadline) -> Position:
+        """Lift the needle straight up to the safe height; return where Z is read to be, which may be higher already."""
+        position = await self.read_position(deadline)
         if position.z_um < self._gantry_section.safe_z_um:
             safe = Position(position.x_um, position.y_um, self._gantry_section.safe_z_um, position.theta_deg)
-            await self._hardware.gantry.move_to(safe, deadline)
+            position = await self._move(safe, deadline)
+        return position
 
 
 def _search_tip(white: Frame, model: ProbeModel | None) -> Tip | NotFound | None:

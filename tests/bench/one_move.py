@@ -27,8 +27,8 @@ One absolute move of the X axis (slave 1) by +1 mm, as it passes the line of the
 bytes of each frame are the CRC, low byte first.
 
 All that is written goes by FC 43, object by object. The process image is only read, by FC 3 from register 5000 (1388h)
-on, as the driver found or set it by 3602h at start: 6041h statusword, padding, 6061h mode, 6064h position, 60FDh inputs.
-High byte and high word come first. The drive has no homing bit outside of homing mode, so the move begins with the
+on, as 3602h lays it out since the start: 6041h statusword, padding, 6061h mode, 6064h position, 60FDh inputs. High byte
+and high word come first. The drive has no homing bit outside of homing mode, so the move begins with the
 marker kept in 2400h:20h. 1 mm is 655 360 increments; the speed (6081h) is written only when it changes.
 
 """

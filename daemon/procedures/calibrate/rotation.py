@@ -46,10 +46,15 @@ async def calibrate_rotation(job: JobContext, context: StationContext, request: 
     job.fire(Event.ACCEPTED)
     sequence, began = MoveSequence(job, context), Began.now(job)
     run = RotationRun(sequence, target, await _map(sequence, target, angles[0]), angles, spare_steps=CHECKS)
-    resumed = await run.measure(resume=request.resume)
     prior = context.geometry.head
-    fit = fit_or_refuse(run.measured, request.model)
-    landings = await _try_out(run, fit, between(angles, CHECKS))
+    try:
+        resumed = await run.measure(resume=request.resume)
+        fit = fit_or_refuse(run.measured, request.model)
+        landings = await _try_out(run, fit, between(angles, CHECKS))
+    except Fault as refused:
+        if run.complete and refused.kind is FaultCode.CALIBRATION_FAILED:
+            await run.forget()
+        raise
     record = _record(run, fit, began.facts(job, context), prior, landings)
     kept = await keep(job, context, record)
     return Outcome("calibrated", detail=_told(record) | {"resumed": resumed} | kept)

@@ -1,7 +1,7 @@
 """Run over the head angles: go, look, correct, write down; and go on where an interrupted run ended.
 
 What was measured is kept on disk after every angle. A run is continued only if its last stop is still where it was,
-and is closed by visiting its first angle again: nothing may have moved meanwhile.
+and is closed by visiting its first angle again: nothing may have moved meanwhile. A run that was refused is forgotten.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+import structlog
 from numpy.typing import ArrayLike
 
 from daemon.domain.errors import Fault, FaultCode
@@ -33,6 +34,7 @@ REACH_PX = 80.0
 MAX_CLOSURE_UM = 40.0
 """Two stops at one place differ by less than this: five sigma of a station that repeats to 8 um."""
 MAX_MISSED_SHARE = 0.15
+log = structlog.get_logger(__name__)
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,8 @@ class RotationRun:
         spare_steps: int,
     ) -> None:
         self.target, self.measured, self.closure_um = target, MeasuredAngle(), math.nan
+        self.complete = False
+        """Whether all angles were visited: what is refused from then on would be refused again."""
         self._sequence, self._map, self._angles = sequence, pose_map, angles
         self._job, self._context = sequence.job, sequence.context
         self._steps = len(angles) + spare_steps + 1
@@ -77,6 +81,7 @@ class RotationRun:
             if angle not in done:
                 self._job.progress(n, self._steps, f"head angle {angle:.1f} deg")
                 await self._visit(angle)
+        self.complete = True
         await self._close()
         return resumed
 
@@ -131,6 +136,13 @@ class RotationRun:
                 advice="it moved or an axis slipped: fix the print, `home`, and calibrate again",
                 closure_um=round(away, 1),
             )
+
+    async def forget(self) -> None:
+        """Drop what is kept of this run, for it was refused: the next one measures again."""
+        try:
+            await asyncio.to_thread(Partial.forget, self._context.calibrations.folder)
+        except OSError as exc:
+            log.warning("run_not_forgotten", why=str(exc))
 
     # --- one angle ----------------------------------------------------------------------------------------------
 

@@ -31,7 +31,10 @@ CORE_FILES: tuple[CoreFile, ...] = (
     CoreFile("daemon/jobs/watchdog.py", ("tests/daemon/jobs/test_watchdog.py",)),
     CoreFile("daemon/station/kinematics.py", ("tests/daemon/station/test_kinematics.py",)),
     CoreFile("daemon/station/safe_shutdown.py", ("tests/daemon/station/test_safe_shutdown.py",)),
-    CoreFile("daemon/station/device_errors.py", ("tests/daemon/station/test_device_errors.py",)),
+    CoreFile(
+        "daemon/station/device_errors.py",
+        ("tests/daemon/station/test_device_errors.py", "tests/daemon/station/test_error_fields.py"),
+    ),
     CoreFile("daemon/domain/states.py", ("tests/daemon/domain/test_states.py",)),
     CoreFile("daemon/storage/calibration_store.py", ("tests/daemon/storage/test_calibration_store.py",)),
     CoreFile("drivers/l4118/arrival.py", ("tests/drivers/l4118/test_arrival.py",)),

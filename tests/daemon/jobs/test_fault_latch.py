@@ -166,8 +166,12 @@ def test_a_fault_that_is_not_latched_clears_itself_with_the_job() -> None:
     latch = _idle()
     latch.begin("look", "l1")
     latch.fire(Event.ACCEPTED)
-    latch.end(Event.FAILED)
+    told: list[StateChange] = []
+    latch.subscribe(told.append)
+    unseen = Fault(FaultCode.TIP_NOT_FOUND)
+    latch.end(Event.FAILED, passing=unseen)
     assert (latch.state, latch.fault) == (State.IDLE, None)
+    assert [(change.after, change.fault) for change in told] == [(State.FAULT, unseen), (State.IDLE, None)]
 
 
 def test_a_job_that_never_began_changes_nothing() -> None:
@@ -199,3 +203,16 @@ def test_every_transition_is_told_with_its_job_and_its_fault() -> None:
     latch.clear(latch.causes)
     assert told[-1].after is State.IDLE
     assert told[-1].job is None
+
+
+def test_a_job_that_ends_where_it_may_not_leaves_a_fault_and_nothing_that_runs() -> None:
+    latch = FaultLatch()
+    latch.opened()
+    latch.begin("place", "p1")
+    latch.fire(Event.ACCEPTED)
+    latch.fire(Event.SEEN)
+    with pytest.raises(IllegalTransition):
+        latch.end(Event.ON_TARGET)  # a body that forgot to verify
+    assert (latch.state, latch.running) == (State.FAULT, None)
+    assert latch.fault is not None
+    assert latch.fault.kind is FaultCode.INTERNAL

@@ -205,3 +205,18 @@ def test_waiting_for_something_else_feeds_for_as_long_as_it_may_take() -> None:
     dog.now_s += 60.0
     still_waiting()
     assert dog.meals == 3
+
+
+def test_where_several_are_before_it_each_may_take_as_long() -> None:
+    dog = FakeManager()
+    turns = [1]
+    still_waiting = dog.watchdog().patience(60.0, lambda: turns[0])
+    dog.now_s += 40.0
+    still_waiting()
+    turns[0] = 2
+    dog.now_s += 40.0
+    still_waiting()
+    assert dog.meals == 2
+    dog.now_s += 60.0
+    still_waiting()
+    assert dog.meals == 2, "the second takes too long"

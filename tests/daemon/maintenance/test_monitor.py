@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -31,10 +31,15 @@ class _Heard:
     def __init__(self) -> None:
         self.alerts: list[dict[str, Any]] = []
 
-    def publish(self, topic: str, body: dict[str, Any], seq: int | None = None) -> int:
+    def publish(self, topic: str, body: dict[str, Any]) -> int:
         assert topic == "alert"
-        assert seq is not None
-        self.alerts.append({"seq": seq, **body})
+        self.alerts.append(body)
+        return len(self.alerts)
+
+    async def publish_written(self, topic: str, write: Callable[[int], Awaitable[dict[str, Any]]]) -> int:
+        seq = len(self.alerts) + 1
+        body = await write(seq)
+        self.publish(topic, {"seq": seq, **body})
         return seq
 
 
@@ -163,6 +168,18 @@ async def test_corrections_are_counted_among_the_touches_reported(tmp_path: Path
         share = monitor.panel.watches["correction_share"]
         assert share.standing.figure == pytest.approx(0.03)
         assert monitor.overview()["touches"] == 100
+
+
+async def test_the_daemons_own_touches_wear_the_probe_and_are_no_touches_that_could_have_missed(tmp_path: Path) -> None:
+    async with _running(tmp_path) as (monitor, _):
+        for k in range(3):
+            _correct(monitor, k)
+        for _ in range(50):
+            monitor.on_own_touch()
+        monitor.on_touches(100)
+        await _settled(monitor)
+        assert monitor.panel.watches["correction_share"].standing.figure == pytest.approx(0.03)
+        assert monitor.overview()["touches"] == 150
 
 
 async def test_touches_reported_one_by_one_are_written_twenty_at_a_time(tmp_path: Path) -> None:

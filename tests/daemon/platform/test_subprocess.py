@@ -44,3 +44,10 @@ async def test_who_is_cancelled_takes_the_process_along() -> None:
     with pytest.raises(asyncio.CancelledError):
         await drawing
     assert _children() == before
+
+
+async def test_one_that_cannot_be_started_is_told_and_raises_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", "/nowhere")
+    status, words = await draw(*FOR_EVER, 60.0)
+    assert status == NOT_WRITTEN
+    assert "cannot be started" in words

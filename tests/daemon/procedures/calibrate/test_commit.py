@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import os
 import threading
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any, cast
@@ -23,10 +23,12 @@ from daemon.jobs.runner import JobLimits, JobRunner, Surroundings
 from daemon.jobs.station_lock import StationLock
 from daemon.procedures.calibrate import commit
 from daemon.procedures.calibrate.commit import keep, on_disk, tell_old
+from daemon.station.needle import Needle
 from daemon.storage.calibration_records import Record
 from daemon.storage.calibration_store import Calibrations
 from daemon.storage.journal import Journal
 from daemon.wire.operations.jobs import Calibrate
+from drivers.gantry import Position
 from tests.daemon.tools.report.synthetic import backlash_record, rotation_record
 
 STATION = "s1"
@@ -72,9 +74,14 @@ class Drawing:
 class Nobody:
     """Hears events and does nothing with them."""
 
-    def publish(self, *_: Any, seq: int | None = None) -> int:
+    def publish(self, *_: Any) -> int:
         """Number an event."""
-        return seq or 0
+        return 0
+
+    async def publish_written(self, _topic: str, write: Callable[[int], Awaitable[Any]]) -> int:
+        """Have an event written."""
+        await write(1)
+        return 1
 
 
 @pytest.fixture
@@ -120,6 +127,12 @@ class FakeStation:
     """A station that has nothing to move."""
 
     exchanges = 0
+    moving = False
+
+    def __init__(self) -> None:
+        self.needle = Needle()
+        self.needle.adopt(lambda _at: 0.0, lambda _at: 0.0)
+        self.needle.reported(Position(0.0, 0.0, 12_000.0, 0.0))
 
     async def stop(self) -> None:
         """Stop what does not move."""

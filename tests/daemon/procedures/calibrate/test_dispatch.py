@@ -10,7 +10,7 @@ import pytest
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.states import Event
 from daemon.procedures.registry import PROCEDURES
-from daemon.wire.requests import Calibrate
+from daemon.wire.operations.jobs import Calibrate
 from drivers.lights import Light
 from tests.daemon.procedures.fake_station import World, a_board, begin, probe_model, run
 from vision import ProbeModel
@@ -52,7 +52,8 @@ async def test_the_tip_is_taught_from_a_white_frame_at_the_pixel_pointed_at(
     assert world.lights.log == [Light.WHITE]
     assert world.calibrations.require_probe().tip_px == (800.9, 621.7)
     assert world.calibrations.pose_map is None, "a map of the old tip is void"
-    assert ran.got.detail == {"what": "tip", "tip_px": [801.5, 622.0]}
+    told = {"in_force": "new", "probe": world.calibrations.fingerprint}
+    assert ran.got.detail == {"what": "tip", "tip_px": [801.5, 622.0], **told}
     assert ran.events == [Event.ACCEPTED]
     assert world.gantry.moves == []
 

@@ -284,13 +284,48 @@ async def test_landings_that_cannot_be_seen_are_no_proof(world: World) -> None:
     assert "rotation" not in blind.calibrations.records
 
 
-async def test_the_old_head_stays_and_the_partial_run_too_if_the_fit_is_refused(
+async def test_the_old_head_stays_and_the_next_run_measures_again_if_the_fit_is_refused(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(rotation, "MAX_HOLDOUT_UM", 0.0)
-    fault = await _fault(world)
-    assert "predicted" in fault.message
+    with monkeypatch.context() as strict:
+        strict.setattr(rotation, "MAX_HOLDOUT_UM", 0.0)
+        assert "predicted" in (await _fault(world)).message
     assert world.calibrations.head is None
+    assert Partial.read(world.calibrations.folder) is None
+    assert (await _measure(world)).got.detail["resumed"] is False
+
+
+async def test_a_run_whose_landings_were_refused_is_not_taken_up_again(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rotation, "MAX_LANDING_UM", 0.0)
+    assert "missed by" in (await _fault(world)).message
+    assert Partial.read(world.calibrations.folder) is None
+
+
+async def test_a_run_that_did_not_close_is_not_taken_up_again(world: World) -> None:
+    x_um, y_um = world.cross_um
+
+    def move(look: Any) -> Any:
+        if len(world.gantry.moves) == 13:  # the first angle and its walk nearer, then the others
+            world.cross_um = (x_um + 90.0, y_um)
+        return look
+
+    world.station.always = move
+    assert "from where it was at the start" in (await _fault(world)).message
+    assert Partial.read(world.calibrations.folder) is None
+    world.station.always = lambda look: look
+    assert (await _measure(world)).got.detail["resumed"] is False
+
+
+async def test_a_run_that_is_cut_off_before_its_last_angle_stays(world: World) -> None:
+    def cut(look: Any) -> Any:
+        if len(world.gantry.moves) > 6:
+            raise Fault(FaultCode.CANCELLED)
+        return look
+
+    world.station.always = cut
+    assert (await _fault(world)).kind is FaultCode.CANCELLED
     assert Partial.read(world.calibrations.folder) is not None
 
 
