@@ -157,6 +157,15 @@ async def test_where_no_surface_lies_within_the_range_the_place_is_told(world: W
     assert _depths(world)[-1] == 5_600.0
 
 
+@pytest.mark.parametrize("height_um", [600.0, 650.0, 700.0])
+async def test_a_surface_over_which_the_pin_was_never_free_gives_no_number(world: World, height_um: float) -> None:
+    world.height_um = lambda _x, _y: height_um
+    with pytest.raises(Fault, match="the pin was never free") as caught:
+        await _press(world)
+    assert caught.value.kind is FaultCode.CALIBRATION_FAILED
+    assert min(_depths(world)) > 5_000.0 + height_um - 300.0, "within the overtravel"
+
+
 async def test_a_shift_that_noise_makes_up_is_no_touch(world: World) -> None:
     """One look of a free pin is off by more than the least push; lower down it is not."""
     off_px = 1.5 * LEAST_PUSH_UM / 200.0 * np.array((4.0, 7.5))
