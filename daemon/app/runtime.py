@@ -8,11 +8,13 @@ from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
+import structlog
 import zmq.asyncio
 
 from daemon.app.announcer import Announcer
 from daemon.app.journal_watch import JournalWatch
 from daemon.app.supervisor import StationSupervisor
+from daemon.app.touch_counter import TouchCounter
 from daemon.config.current import CurrentSettings
 from daemon.config.model import Config
 from daemon.config.reload import Change, Reloader
@@ -39,6 +41,7 @@ from daemon.telemetry.status_line import StatusLine
 from daemon.telemetry.vitals import VitalsReader
 
 LINGER_MS = 200
+log = structlog.get_logger(__name__)
 
 
 @dataclass(frozen=True)
@@ -147,7 +150,12 @@ def _make_work(base: _Base) -> _Work:
     settings, station = base.settings, base.settings.config.station
     calibrations = Calibrations(station.data_dir / "calibration", station.name)
     images = ImageArchive(station.data_dir / "pictures", station.pictures, station.pictures_quota_mb)
-    supervisor = StationSupervisor(settings, base.latch, base.lock, calibrations, base.journal, open_hardware)
+    touches = TouchCounter(
+        base.journal, base.metrics, lambda: monitor, lambda: base.latch.running[1] if base.latch.running else None
+    )
+    supervisor = StationSupervisor(
+        settings, base.latch, base.lock, calibrations, base.journal, open_hardware, touches.touched
+    )
     monitor = Monitor(settings, calibrations, lambda: supervisor.hardware, base.journal, base.sockets.events)
     runner = JobRunner(
         Surroundings(
@@ -155,6 +163,7 @@ def _make_work(base: _Base) -> _Work:
             publisher=base.sockets.events, images=images, procedures=PROCEDURES, context=supervisor.context,
             limits=lambda: _limits(settings.config), observer=monitor,
             watchdog=base.watchdog, on_result=base.status_line.on_result,
+            refusal=base.sockets.authenticator.refusal,
         )
     )  # fmt: skip
     return _Work(calibrations, images, supervisor, monitor, runner)
@@ -167,12 +176,12 @@ def _make_control(base: _Base, work: _Work, stack: AsyncExitStack) -> ControlSoc
         base.latch, lambda: work.runner.queued, work.calibrations, lambda: work.supervisor.hardware,
         config.station.data_dir,
     )  # fmt: skip
-    _serve_metrics(base.metrics, vitals, config.metrics.port, stack)
+    _serve_metrics(base, vitals, config.metrics.port, stack)
     handlers = Handlers(
         Collaborators(
             settings=base.settings, latch=base.latch, runner=work.runner, reset=work.supervisor.reset,
             calibrations=work.calibrations, images=work.images, metrics=base.metrics, monitor=work.monitor,
-            journal=base.journal, vitals=vitals.read,
+            journal=base.journal, vitals=vitals.read, needle=work.supervisor.needle,
         )
     )  # fmt: skip
     sockets = base.sockets
@@ -204,11 +213,20 @@ def _open_sockets(config: Config, journal: Journal, metrics: Metrics, stack: Asy
     return _Sockets(context, authenticator, events)
 
 
-def _serve_metrics(metrics: Metrics, vitals: VitalsReader, port: int, stack: AsyncExitStack) -> None:
-    metrics.watch(vitals.read)
-    if port:
-        metrics.serve(port)
-        stack.callback(metrics.close)
+def _serve_metrics(base: _Base, vitals: VitalsReader, port: int, stack: AsyncExitStack) -> None:
+    """Serve metrics if they are wanted; a port that is in use is told, and keeps no station from its work."""
+    base.metrics.watch(vitals.read)
+    if not port:
+        return
+    try:
+        base.metrics.serve(port)
+    except (OSError, RuntimeError) as exc:
+        facts = {"port": port, "error": str(exc), "advice": "free the port or choose another, then restart"}
+        log.error("metrics_not_served", **facts)
+        base.sockets.events.publish("log", {"event": "metrics_not_served", **facts})
+        base.status_line.note(f"no metrics: port {port} cannot be served")
+        return
+    stack.callback(base.metrics.close)
 
 
 def _limits(config: Config) -> JobLimits:

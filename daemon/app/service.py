@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import signal
+from collections.abc import Callable, Coroutine
 from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import Any
@@ -20,10 +21,13 @@ from daemon.app.runtime import Runtime, put_together
 from daemon.config.model import Config
 from daemon.domain.errors import Fault
 from daemon.domain.results import JobResult
+from daemon.platform.descriptors import raise_limit
 from daemon.platform.memory import few_arenas
 from daemon.storage.journal import Journal
 from vision.warm import warm_up
 
+AGAIN_S = 30.0
+"""Pause before a part that failed is started again."""
 log = structlog.get_logger(__name__)
 
 
@@ -43,6 +47,7 @@ class Service:
     async def run(self) -> None:
         """Serve until told to stop; whatever was opened is closed again, in the opposite order."""
         few_arenas()
+        raise_limit()
         async with AsyncExitStack() as stack:
             runtime = await put_together(self._config, self._path, stack)
             loop = asyncio.get_running_loop()
@@ -90,16 +95,29 @@ def _background(runtime: Runtime) -> list[asyncio.Task[None]]:
         asyncio.create_task(runtime.journal_watch.run(), name="journal"),
         asyncio.create_task(runtime.supervisor.run(), name="supervise"),
         asyncio.create_task(runtime.reloader.run(busy=lambda: latch.running is not None), name="reload"),
-        asyncio.create_task(keep_house(latch, runtime.metrics), name="housekeeping"),
-        asyncio.create_task(runtime.monitor.run(), name="maintenance"),
+        asyncio.create_task(_lasting("housekeeping", lambda: keep_house(latch, runtime.metrics)), name="housekeeping"),
+        asyncio.create_task(_lasting("maintenance", runtime.monitor.run), name="maintenance"),
     ]
+
+
+async def _lasting(part: str, run: Callable[[], Coroutine[Any, Any, None]]) -> None:
+    """Run a part that nothing needs to move safely; an error of its own starts it again and ends no daemon."""
+    while True:
+        try:
+            return await run()
+        except Exception:
+            log.exception("part_failed", part=part, again_in_s=AGAIN_S)
+            await asyncio.sleep(AGAIN_S)
 
 
 async def _open_and_work(runtime: Runtime) -> None:
     await runtime.supervisor.open()
     runtime.status_line.ready(await _last_result(runtime.journal))
     # Jobs come after: the first one would have to wait for it anyway.
-    await asyncio.to_thread(warm_up)
+    try:
+        await asyncio.to_thread(warm_up)
+    except Exception:
+        log.exception("part_failed", part="warming up")  # the first look takes longer, and that is all
     await runtime.supervisor.first_check(runtime.watchdog)
     await runtime.runner.run()
 

@@ -24,19 +24,25 @@ from daemon.jobs.runner import EXCLUSIVE_WITHIN_S
 from daemon.jobs.station_lock import StationLock
 from daemon.jobs.watchdog import Watchdog
 from daemon.station.conditions import conditions_of
+from daemon.station.darkness import require_dark
 from daemon.station.device_errors import as_fault
 from daemon.station.devices import Hardware
 from daemon.station.kinematics import Geometry
+from daemon.station.needle import Needle
 from daemon.station.safe_shutdown import UNSURE, shut_down
 from daemon.station.station import Station
 from daemon.storage.calibration_store import Calibrations
 from daemon.storage.journal import Journal
 from drivers.deadline import Deadline
-from drivers.errors import DeviceError
+from drivers.errors import CameraError, DeviceError
 
 OPEN_WITHIN_S = 20.0
 FRAME_WITHIN_S = 8.0
-"""What a camera that was lost may take to come back, once its cause is gone."""
+"""What a camera that is opened again may take until its first picture."""
+FRESH_WITHIN_S = 1.5
+"""What a camera that is well may take at most for a picture."""
+LOOK_EVERY_S = 20.0
+"""At rest a picture is looked at this often, and once after every job that took some: both lamps are off."""
 ASK_AGAIN_S = 0.1
 """How often a reset that waits looks whether a job has begun before it."""
 CHECK_EVERY_S = 2.0
@@ -58,12 +64,18 @@ class StationSupervisor:
         calibrations: Calibrations,
         journal: Journal,
         open_devices: OpenDevices,
+        on_touch: Callable[[], None] = lambda: None,
     ) -> None:
         self._settings, self._latch, self._lock = settings, latch, lock
         self._calibrations, self._journal = calibrations, journal
         self._open_devices = open_devices
+        self.needle = Needle(lambda: "z" in latch.doubtful, on_touch)
+        """Where the needle is, as far as the drives have told since the daemon started."""
         self._hardware: Hardware | None = None
         self._context: StationContext | None = None
+        self._seen = -1
+        """How many pictures the camera had delivered when one was looked at last."""
+        self._look_again_s = 0.0
 
     @property
     def hardware(self) -> Hardware | None:
@@ -83,7 +95,9 @@ class StationSupervisor:
     def _lay_out(self, hardware: Hardware) -> None:
         config, board = self._settings.config, self._settings.board
         geometry = Geometry(config, board, self._calibrations)
-        self._context = StationContext(config, Station(config, hardware), board, self._calibrations, geometry)
+        station = Station(config, hardware, self.needle)
+        station.needle.adopt(geometry.up_z_um, geometry.surface_z_um)
+        self._context = StationContext(config, station, board, self._calibrations, geometry)
 
     def _fit_calibrations(self) -> None:
         """Read what was measured for just these settings; of the rest it is said why it is not used."""
@@ -131,8 +145,9 @@ class StationSupervisor:
         found = _latched(as_fault(error))
         if found.kind is FaultCode.INTERNAL:
             log.error("opening_failed_internally", exc_info=error)
-        if found.kind is FaultCode.NOT_HOMED:
-            self._latch.replace(taken, found)  # asked for last: all else is known to be well
+        if found.kind in (FaultCode.NOT_HOMED, FaultCode.NEEDLE_DOWN):
+            # Asked for last: all else is known to be well, but for a needle that nobody has raised.
+            self._latch.replace((cause for cause in taken if cause.kind is not FaultCode.NEEDLE_DOWN), found)
         else:
             self._latch.put_first(found)
         log.error("station_not_ready", error=found.message, advice=found.advice)
@@ -159,13 +174,23 @@ class StationSupervisor:
         await self._settle_doubts(hardware, deadline)
         if not fit:
             await hardware.check_health(deadline)
-        for cause in taken:
-            await self._check_cause(cause, hardware)
+            await self._see(hardware)
         if not await hardware.gantry.homed(deadline):
+            self.needle.forget()
             raise Fault(FaultCode.NOT_HOMED)
+        await self._require_needle_up(taken, deadline)
         # Behind all that speaks against moving: the journal's trouble may be over at any time, by itself.
         if trouble is not None:
             raise trouble
+
+    async def _require_needle_up(self, taken: tuple[Fault, ...], deadline: Deadline) -> None:
+        """Raise if the needle is down, or was and nobody has raised it since; nothing moves here."""
+        assert self._context is not None  # noqa: S101  # made with the hardware
+        await self._context.station.read_position(deadline)
+        if not self.needle.is_up:
+            raise self.needle.fault("it is below the height of looks")
+        if any(cause.kind is FaultCode.NEEDLE_DOWN for cause in taken):
+            raise self.needle.fault("only a lift settles that it is up")
 
     async def _open(self, deadline: Deadline) -> bool:
         """Open the devices; return whether the drives' self-test found them fit."""
@@ -175,17 +200,26 @@ class StationSupervisor:
         log.info("station_open", camera=dict(hardware.camera.settings()))
         return all(axis.fit for axis in hardware.found.values())
 
-    async def _check_cause(self, cause: Fault, hardware: Hardware) -> None:
-        """Raise if the cause of a fault is still there that the drives know nothing of."""
-        match cause.kind:
-            case FaultCode.CAMERA_FAILED:
-                await hardware.camera.frame_after(time.monotonic(), Deadline.after(FRAME_WITHIN_S))
-            case _:
-                pass
+    async def _see(self, hardware: Hardware) -> None:
+        """Raise unless a fresh picture comes, and it is dark; a camera that gives none is opened again first.
+
+        Whatever was latched: a camera may have failed since without anybody having asked it for a picture.
+        """
+        limit = self._settings.config.lights.dark_level
+        try:
+            await require_dark(hardware, limit, Deadline.after(FRESH_WITHIN_S))
+        except CameraError as exc:
+            log.warning("camera_opened_again", error=str(exc))
+            await hardware.camera.close()
+            await hardware.camera.open(Deadline.after(FRAME_WITHIN_S))
+            await require_dark(hardware, limit, Deadline.after(FRAME_WITHIN_S))
+        self._looked(hardware)
 
     async def _settle_doubts(self, hardware: Hardware, deadline: Deadline) -> None:
         """Take the reference from every axis in doubt; one that is known to have lost it is in doubt no longer."""
         doubtful = sorted(self._latch.doubtful)
+        if doubtful:
+            self.needle.forget()
         errors: list[DeviceError] = []
         for axis in doubtful:
             try:
@@ -211,6 +245,7 @@ class StationSupervisor:
                     await self._check_health()
                 else:
                     await self._stop_what_runs(self._hardware)
+            await self._check_darkness()
 
     async def _rest(self) -> None:
         """Wait for the next check, or for an axis that came into doubt: that is written down at once."""
@@ -231,6 +266,36 @@ class StationSupervisor:
             log.error("station_lost", error=fault.message)
             self._latch.latch(fault)
 
+    async def _check_darkness(self) -> None:
+        """Look whether a lamp shines at rest, if it is time to; that becomes the station's fault.
+
+        The lock is not held: no job waits for a picture of ours. What a job does meanwhile makes the picture void.
+        """
+        hardware = self._hardware
+        if hardware is None or not self._at_rest() or not self._time_to_look(hardware):
+            return
+        seen = hardware.camera.statistics().delivered
+        self._looked(hardware)
+        try:
+            await require_dark(hardware, self._settings.config.lights.dark_level, Deadline.after(FRESH_WITHIN_S))
+        except CameraError as exc:
+            log.debug("darkness_not_seen", error=str(exc))
+        except Exception as exc:  # noqa: BLE001  # whatever the picture tells becomes the station's fault
+            if self._at_rest() and hardware.camera.statistics().delivered == seen + 1:
+                fault = _latched(as_fault(exc))
+                log.error("light_at_rest", error=fault.message)
+                self._latch.latch(fault)
+        self._looked(hardware)
+
+    def _at_rest(self) -> bool:
+        return self._lock.holder is None and self._latch.state is State.IDLE
+
+    def _time_to_look(self, hardware: Hardware) -> bool:
+        return hardware.camera.statistics().delivered != self._seen or time.monotonic() >= self._look_again_s
+
+    def _looked(self, hardware: Hardware) -> None:
+        self._seen, self._look_again_s = hardware.camera.statistics().delivered, time.monotonic() + LOOK_EVERY_S
+
     async def first_check(self, watchdog: Watchdog) -> None:
         """Ask the drives once all is up: what the self-test of the start left out is read now.
 
@@ -239,6 +304,7 @@ class StationSupervisor:
         waiting = watchdog.patience(EXCLUSIVE_WITHIN_S, lambda: self._lock.turns)
         async with self._lock.hold("health check", every_s=watchdog.every_s, still_waiting=waiting):
             await self._check_health()
+        await self._check_darkness()
 
     async def _stop_what_runs(self, hardware: Hardware) -> None:
         """Stop a drive that could not be told to when its job failed, and write the doubts, as soon as they answer."""

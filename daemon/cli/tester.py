@@ -51,6 +51,12 @@ def home(endpoint: Endpoint = DEFAULT_ENDPOINT, as_json: AsJson = False) -> None
 
 
 @app.command()
+def lift(endpoint: Endpoint = DEFAULT_ENDPOINT, as_json: AsJson = False) -> None:
+    """Raise the needle straight up to the safe height; nothing else moves."""
+    run_job("lift", endpoint, as_json=as_json)
+
+
+@app.command()
 def cancel(endpoint: Endpoint = DEFAULT_ENDPOINT, job_id: JobIdOption = None, as_json: AsJson = False) -> None:
     """Stop the running job, or the one named, safely."""
     _ask("cancel", endpoint, as_json=as_json, **({"id": job_id} if job_id else {}))

@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from daemon.config.watch_names import is_known
 from daemon.domain.roles import Role
+from daemon.platform.plain_file import read_small
 from vision.geometry import Rigid2
 from vision.head import CircleHead
 
@@ -25,6 +26,9 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 CLEAR_UM = 100.0
 """Between the needle and the highest possible surface."""
 LOOPBACK = re.compile(r"ipc://.+|tcp://(127(\.\d{1,3}){3}|\[::1\]|localhost):(\d+|\*)")
+
+MOST_BYTES, LONGEST_LINE = 250_000, 1_000
+"""A key of many dots costs the parser the square of their number: one of 50,000 takes minutes."""
 
 
 class ConfigError(Exception):
@@ -175,6 +179,9 @@ class LightsSection(Section):
     white: int = Field(default=0, ge=0, le=31, description="coil (modbus, from 0) or channel (serial, from 1)")
     red: int = Field(default=1, ge=0, le=31)
     settle_ms: NotNegative = Field(default=40.0, description="relay and lamp are steady after this")
+    dark_level: float = Field(
+        default=60.0, ge=0.0, le=255.0, description="with both lamps off nothing is brighter; 0: not looked at"
+    )
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
@@ -368,13 +375,19 @@ class Config(Section):
 def load_config(path: Path) -> Config:
     """Read and check a configuration; raise `ConfigError` naming every problem."""
     try:
-        raw = tomllib.loads(path.read_text(encoding="utf-8"))
+        text = read_small(path, MOST_BYTES).decode()
+        if any(len(line) > LONGEST_LINE for line in text.splitlines()):
+            raise ConfigError(path, [("(file)", f"it has a line of more than {LONGEST_LINE} letters")])
+        raw = tomllib.loads(text)
     except OSError as exc:
         raise ConfigError(
             path, [("(file)", f"cannot be read: {exc.strerror}; give the path of a station.toml")]
         ) from exc
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as exc:
         raise ConfigError(path, [("(file)", f"is not TOML: {exc}")]) from exc
+    except RecursionError:
+        # Its thousand frames say nothing; they are let go of here.
+        raise ConfigError(path, [("(file)", "its tables and lists are nested too deeply")]) from None
     try:
         config = Config.model_validate(raw)
     except ValidationError as exc:

@@ -67,6 +67,8 @@ class Board(BoardModel):
     @classmethod
     def load(cls, path: Path) -> Board:
         """Read a board file; any trouble is a ValueError that says what to do."""
+        if path.exists() and not path.is_file():  # a pipe would be waited for without end
+            raise ValueError(f"{path} is no plain file; make it with `reprobe board DIR`")
         try:
             return cls.model_validate_json(path.read_bytes())
         except OSError as exc:

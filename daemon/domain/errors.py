@@ -17,12 +17,15 @@ class _Kind(NamedTuple):
     cause: str
     advice: str
     latched: bool = False
+    cured_by: frozenset[str] = frozenset()
+    """Operations that may begin in this fault, and clear it when they come to their end."""
 
 
 class FaultCode(Enum):
     """One kind of trouble; the member's name in lower case is its name on the wire.
 
-    A latched kind keeps the daemon in `fault` until `reset` (or `home`, for `not_homed`); the others clear themselves.
+    A latched kind keeps the daemon in `fault` until `reset`, or until a job that cures it (`home` for `not_homed`,
+    `lift` or `home` for `needle_down`, which no `reset` clears); the others clear themselves.
     """
 
     BAD_JSON = _Kind(1001, "the message is not one frame of JSON", "send one UTF-8 JSON object in one frame")
@@ -68,7 +71,7 @@ class FaultCode(Enum):
     LIGHT_FAILED = _Kind(4201, "the light did not switch", "check the relay, then `reset`", latched=True)
     CAMERA_FAILED = _Kind(4301, "the camera gives no frame", "check cable and device, then `reset`", latched=True)
 
-    NOT_HOMED = _Kind(5101, "the axes are not homed", "send `home`", latched=True)
+    NOT_HOMED = _Kind(5101, "the axes are not homed", "send `home`", latched=True, cured_by=frozenset({"home"}))
     OUTSIDE_ENVELOPE = _Kind(5102, "the target lies outside the envelope", "choose another head angle or test point")
     NOT_CALIBRATED = _Kind(5103, "there is no valid calibration", "teach the tip, then calibrate the map")
     LIMIT_HIT = _Kind(5104, "a limit switch was hit", "free the axis, then `reset` and `home`", latched=True)
@@ -77,6 +80,13 @@ class FaultCode(Enum):
         5108, "the board in the nest has not been aligned", "send `align`; see that the board lies flat"
     )
     IN_FAULT = _Kind(5106, "the daemon is in fault", "see the first cause in detail, then `reset`")
+    NEEDLE_DOWN = _Kind(
+        5107,
+        "the needle is not known to be up",
+        "see that it may be raised, then send `lift`; where the axes are not homed, `home`",
+        latched=True,
+        cured_by=frozenset({"lift", "home"}),
+    )
 
     INTERNAL = _Kind(9001, "the daemon met an error of its own", "report it with the journal entry", latched=True)
     INTERRUPTED = _Kind(9002, "the daemon stopped in the middle of this job", "check the head, then send a new request")
@@ -96,6 +106,11 @@ class FaultCode(Enum):
     def latched(self) -> bool:
         """Whether a person has to act before the daemon works again."""
         return self.value.latched
+
+    @property
+    def cured_by(self) -> frozenset[str]:
+        """Operations that may begin in this fault, and clear it when they come to their end."""
+        return self.value.cured_by
 
 
 REFERENCE_LOST = frozenset(

@@ -37,7 +37,7 @@ class FaultLatch:
         self._machine = Machine(self._changed)
         self._causes: tuple[Fault, ...] = ()
         self._set_aside: tuple[Fault, ...] = ()
-        """What homing is to cure, while it runs: it comes back unless homing comes to its end."""
+        """What the running job is to cure: it comes back unless the job comes to its end."""
         self._passing: Fault | None = None
         """Why the last job failed, while its end is told: a fault that clears itself."""
         self._doubtful: frozenset[str] = frozenset()
@@ -81,11 +81,8 @@ class FaultLatch:
         return self._job
 
     def against(self, op: str) -> Fault | None:
-        """Return the latched fault that speaks against an operation; homing is what cures `not_homed`."""
-        for cause in self._causes:
-            if not (op == "home" and cause.kind is FaultCode.NOT_HOMED):
-                return cause
-        return None
+        """Return the first latched fault that speaks against an operation: one that it does not cure."""
+        return next((cause for cause in self._causes if op not in cause.kind.cured_by), None)
 
     def subscribe(self, listener: Callable[[StateChange], None]) -> None:
         """Have every transition told, after it was made."""
@@ -139,8 +136,8 @@ class FaultLatch:
     # --- jobs ------------------------------------------------------------------------------------------------
 
     def begin(self, op: str, job_id: str) -> None:
-        """Begin a job that nothing speaks against; homing leaves `not_homed` for as long as it runs."""
-        if op == "home" and self.state is State.FAULT:
+        """Begin a job that nothing speaks against; the faults that it cures are left for as long as it runs."""
+        if self.state is State.FAULT and self.against(op) is None and self._causes:
             self._set_aside, self._causes = self._causes, ()
             self._machine.fire(Event.CLEARED)
         self._job = (op, job_id)
@@ -154,17 +151,18 @@ class FaultLatch:
         """Take one transition of the running job."""
         return self._machine.fire(event)
 
-    def end(self, event: Event, found: Fault | None = None, passing: Fault | None = None) -> None:
-        """Take a job's last transition, with the fault that it leaves latched; another, `passing`, clears itself.
+    def end(self, event: Event, *found: Fault, passing: Fault | None = None) -> None:
+        """Take a job's last transition, with the faults that it leaves latched; another, `passing`, clears itself.
 
-        Homing that came to its end has settled every axis; homing that did not leaves what it was to cure.
-        Raises `IllegalTransition` if the job may not end so where it stands; the station is then in fault.
+        A job that came to its end has cured what it was to cure, and homing has settled every axis; one that did not
+        leaves it. Raises `IllegalTransition` if the job may not end so where it stands; the station is then in fault.
         """
-        homing = self._job is not None and self._job[0] == "home"
-        if homing and event is Event.ON_TARGET:
-            self._set_aside, self._doubtful = (), frozenset()
-        if found is not None:
-            self._add(found)
+        if event is Event.ON_TARGET:
+            self._set_aside = ()
+            if self._job is not None and self._job[0] == "home":
+                self._doubtful = frozenset()
+        for fault in found:
+            self._add(fault)
         for cause in self._set_aside:
             self._add(cause)
         self._set_aside = ()

@@ -7,6 +7,7 @@ import json
 from daemon.domain.board import Board
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.results import ErrorBody
+from daemon.station.needle import Needle
 from daemon.wire.operations.jobs import AnyJob
 
 
@@ -20,6 +21,12 @@ def refuse_in_fault(latched: Fault | None) -> None:
         advice=latched.advice,
         first_cause=ErrorBody.of(latched).model_dump(),
     )
+
+
+def refuse_with_needle_down(op: str, needle: Needle) -> None:
+    """Refuse all but what raises the needle while it is not known to be up."""
+    if op not in FaultCode.NEEDLE_DOWN.cured_by and not needle.is_up:
+        raise needle.fault("nothing begins before it was raised")
 
 
 def refuse_unknown_point(request: AnyJob, board: Board) -> None:

@@ -1,7 +1,8 @@
 """The job runner: one job runs, the rest wait, and an id always gets the same answer.
 
 This is where a job's end becomes the machine's last transition, the journal's entry, the event and the answer, in that
-order. Whatever a job raises, the lights go off, and what it leaves latched goes to the `FaultLatch`, which owns it.
+order. Whatever a job raises, the station is made safe first (`daemon.jobs.safe_ending`: still, needle up, dark), and
+what it leaves latched goes to the `FaultLatch`, which owns it.
 """
 
 from __future__ import annotations
@@ -23,11 +24,16 @@ from daemon.jobs.fair_queue import FairQueue
 from daemon.jobs.fault_latch import FaultLatch
 from daemon.jobs.image_archive import ImageArchive
 from daemon.jobs.observer import JobObserver, Publisher
-from daemon.jobs.preconditions import refuse_in_fault, refuse_other_request, refuse_unknown_point
+from daemon.jobs.preconditions import (
+    refuse_in_fault,
+    refuse_other_request,
+    refuse_unknown_point,
+    refuse_with_needle_down,
+)
+from daemon.jobs.safe_ending import make_safe
 from daemon.jobs.station_lock import StationLock
 from daemon.jobs.watchdog import Watchdog
 from daemon.platform.clock import utc_now
-from daemon.station.allowance import Allowance
 from daemon.station.device_errors import as_fault, forget_frames
 from daemon.storage.journal import Journal
 from daemon.wire.deadline import due_at_s
@@ -36,7 +42,6 @@ from daemon.wire.operations.table import OPERATIONS
 from drivers.deadline import Deadline
 from drivers.shielded import finish
 
-DARK_WITHIN_S = 2.0
 EXCLUSIVE_WITHIN_S = 60.0
 """What a reset, a health check or a reload may take at most while a job waits for it."""
 log = structlog.get_logger(__name__)
@@ -84,6 +89,8 @@ class Surroundings:
     """The limits in force; read with every request."""
     observer: JobObserver = field(default_factory=JobObserver)
     watchdog: Watchdog = field(default_factory=Watchdog)
+    refusal: Callable[[str, str], Fault | None] = lambda _client, _op: None
+    """Why a client may not have an operation run any more, asked again when its job's turn has come."""
     on_result: Callable[[JobResult], None] = lambda _result: None
     """Called with every result, once it has been published."""
 
@@ -268,7 +275,6 @@ class JobRunner:
     async def _outcome(self, ticket: _Ticket, job: JobContext) -> Outcome:
         """Do what the job asks for; take the machine's last transition however it ends."""
         end = Event.ON_TARGET
-        latched: Fault | None = None
         met: Fault | None = None
         try:
             await self._journal.reserve_seqs()
@@ -283,28 +289,46 @@ class JobRunner:
         except Exception as exc:
             met = as_fault(exc)
             end = self._ending(met)
-            latched = self._latched_by(met)
             raise
         finally:
-            # The job's own trouble came first; that the lights then failed too is usually its consequence.
-            lights = await self._lights_off(job)
-            self._latch.end(end, latched or lights, passing=met)
+            unsafe: list[Fault] = []
+            try:
+                await self._make_safe(job, met, unsafe)
+            finally:
+                # The job's own trouble came first; what failed after it is usually its consequence.
+                self._latch.end(end, *self._latched_by(met), *unsafe, passing=met)
 
-    def _latched_by(self, fault: Fault) -> Fault | None:
-        """Return what keeps the daemon in fault: a latched fault, or that homing moved something and did not end."""
+    async def _make_safe(self, job: JobContext, met: Fault | None, unsafe: list[Fault]) -> None:
+        """Stop, raise the needle and darken after a job that began; a cancellation waits until that is done."""
+        context = self._with.context()
+        if context is not None and self._latch.state in BUSY:
+            await finish(make_safe(context.station, self._latch, met, job.watch, unsafe))
+
+    def _latched_by(self, fault: Fault | None) -> tuple[Fault, ...]:
+        """Return what keeps the daemon in fault: a latched fault, or that homing moved something and did not end.
+
+        That the needle was down keeps nobody once it was raised.
+        """
+        context = self._with.context()
+        if fault is None or (fault.kind is FaultCode.NEEDLE_DOWN and context and context.station.needle.is_up):
+            return ()
         if fault.kind.latched:
-            return fault
+            return (fault,)
         began = self._latch.running
         homing = began is not None and began[0] == "home" and self._latch.state is not State.TRIGGERED
-        return Fault(FaultCode.NOT_HOMED, f"homing ended early: {fault.message}") if homing else None
+        return (Fault(FaultCode.NOT_HOMED, f"homing ended early: {fault.message}"),) if homing else ()
 
     def _admit(self, ticket: _Ticket) -> StationContext:
         """Begin: ask once more what speaks against the job, go to `triggered`, and check the deadline again."""
         request = ticket.request
         refuse_in_fault(self._latch.against(request.op))
+        refusal = self._with.refusal(ticket.client, request.op)
+        if refusal is not None:
+            raise refusal
         context = self._with.context()
         if context is None:
             raise Fault(FaultCode.IN_FAULT, "the station is not open")
+        refuse_with_needle_down(request.op, context.station.needle)
         self._latch.begin(request.op, request.id)
         if Deadline(ticket.due_s).expired:
             raise Fault(FaultCode.STALE_DEADLINE, "the deadline passed while the job waited", id=request.id)
@@ -344,18 +368,6 @@ class JobRunner:
         if self._latch.state is State.TRIGGERED and not fault.kind.latched:
             return Event.REFUSED
         return Event.FAILED
-
-    async def _lights_off(self, job: JobContext) -> Fault | None:
-        """Switch the lights off; return what kept them on, which never hides how the job ended."""
-        context = self._with.context()
-        if context is None or self._latch.state not in BUSY:
-            return None
-        try:
-            await asyncio.shield(context.station.lights_off(Allowance(Deadline.after(DARK_WITHIN_S), job.watch)))
-        except Exception as exc:  # noqa: BLE001  # the job's own end matters more; the light's trouble latches a fault
-            log.error("lights_not_off", error=str(exc))
-            return as_fault(exc)
-        return None
 
     # --- telling ---------------------------------------------------------------------------------------------
 

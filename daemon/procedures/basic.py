@@ -1,4 +1,4 @@
-"""Basic procedures: home, place, look. They walk the same states as a correction."""
+"""Basic procedures: home, lift, place, look. They walk the same states as a correction."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from daemon.procedures.aiming import describe, known_beforehand, look_and_aim
 from daemon.procedures.board_in_nest import require_board
 from daemon.procedures.height import ABOUT_UM, describe_height, refuse_pushed, require_free
 from daemon.station.station import Search
-from daemon.wire.operations.jobs import Home, Look, Place
+from daemon.wire.operations.jobs import Home, Lift, Look, Place
 from drivers.gantry import Position
 
 ARRIVED_WITHIN_UM = 10.0
@@ -27,7 +27,22 @@ async def home(job: JobContext, context: StationContext, _request: Home) -> Outc
     job.fire(Event.ARRIVED)
     await context.station.require_homed(job)
     position = await context.station.position(job)
+    if context.station.needle.may_be_down:
+        raise context.station.needle.fault("the axes were homed, and Z is below the height of looks")
     return Outcome("homed", detail={"position": _numbers(position)})
+
+
+async def lift(job: JobContext, context: StationContext, _request: Lift) -> Outcome:
+    """Raise the needle straight up to the safe height, from wherever it is; nothing else moves."""
+    await context.station.require_homed(job)
+    job.fire(Event.DEPARTED)
+    job.moves += 1
+    with job.watch.spend("motion"):
+        position = await context.station.retract(job.deadline)
+    job.fire(Event.ARRIVED)
+    if not context.station.needle.is_up:
+        raise context.station.needle.fault("it was raised, and is not where it should be")
+    return Outcome("lifted", detail={"position": _numbers(position)})
 
 
 async def place(job: JobContext, context: StationContext, request: Place) -> Outcome:

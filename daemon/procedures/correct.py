@@ -9,12 +9,16 @@ import numpy as np
 
 from daemon.domain.board import BoardPoint
 from daemon.domain.errors import Fault, FaultCode
+from daemon.domain.results import ErrorBody
 from daemon.domain.states import Event
 from daemon.jobs.context import JobContext, Outcome, StationContext
 from daemon.procedures.aiming import STILL_UM, UNCLEAR, Aim, Prior, known_beforehand, look_and_aim
 from daemon.procedures.board_in_nest import require_board
 from daemon.procedures.height import describe_height, require_free
+from daemon.station.device_errors import as_fault
+from daemon.station.safe_shutdown import UNSURE
 from daemon.wire.operations.jobs import Correct
+from drivers.errors import DeviceError
 from drivers.gantry import Position
 from vision.geometry import PoseMap
 
@@ -54,7 +58,7 @@ async def _first_aim(
 
     The needle may stand in front of the pad, or cut something else into a shape that cannot be told. A known step
     sideways uncovers it; it is a move like any other, checked and bounded. What is unclear from there too is a fault,
-    and the head goes back to where it was.
+    and so is what kept the step, or the look from there, from being taken; the head goes back to where it was.
     """
     prior = known_beforehand(context)
     try:
@@ -64,15 +68,29 @@ async def _first_aim(
             raise
         unclear = fault
     dx, dy = sidestep_um(context, point, pose_map, start.theta_deg)
+    failed: Fault | None = None
     for aside_um in ((dx, dy), (-dx, -dy)):
-        position = await _step(job, context, start, aside_um, pose_map)
         try:
+            position = await _step(job, context, start, aside_um, pose_map)
             return await _look(job, context, position, point, pose_map, prior)
-        except Fault as still:
-            if still.kind not in UNCLEAR:
-                raise
-    await _step(job, context, start, (0.0, 0.0), pose_map)
-    raise unclear
+        except (Fault, DeviceError) as exc:
+            failed = as_fault(exc)
+            if failed.kind in UNSURE or failed.kind is FaultCode.WRONG_HEIGHT:
+                raise  # no axis is to be moved any more, or not down again
+            if failed.kind not in UNCLEAR:
+                break
+    if job.moves:
+        await _step(job, context, start, (0.0, 0.0), pose_map)
+    raise _first_cause(unclear, failed)
+
+
+def _first_cause(unclear: Fault, aside: Fault | None) -> Fault:
+    """Return why the scene was not clear, with what kept it so; a latched fault is not hidden by it."""
+    if aside is None or aside.kind in UNCLEAR:
+        return unclear
+    told, other = (aside, unclear) if aside.kind.latched else (unclear, aside)
+    name = "first_cause" if told is aside else "aside"
+    return Fault(told.kind, told.message, **told.detail, **{name: ErrorBody.of(other).model_dump(mode="json")})
 
 
 def _look_z_um(context: StationContext, here: Position) -> float:
@@ -119,11 +137,18 @@ async def _look(
 async def _step(
     job: JobContext, context: StationContext, here: Position, way_um: tuple[float, float], pose_map: PoseMap
 ) -> Position:
-    """Take one step of the machine's from wherever it is: a move, and the arrival after it."""
+    """Take one step of the machine's from wherever it is: a move, and the arrival after it.
+
+    What keeps it from beginning is raised before the state changes: the head is where it was.
+    """
+    target = _target(context, here, way_um, pose_map)
+    await context.station.prepare_white(job)
     job.fire(Event.OFF_TARGET if job.moves else Event.SEEN)
-    position = await _go(job, context, here, way_um, pose_map)
+    job.moves += 1
+    reached = await context.station.go(target, job, slow_z_um=context.geometry.slow_z_um(target))
+    job.note("move", {"x_um": round(target.x_um, 2), "y_um": round(target.y_um, 2), "theta_deg": here.theta_deg})
     job.fire(Event.ARRIVED)
-    return position
+    return reached
 
 
 def sidestep_um(context: StationContext, point: BoardPoint, pose_map: PoseMap, theta_deg: float) -> tuple[float, float]:
@@ -164,10 +189,8 @@ def _way(aim: Aim) -> tuple[float, float]:
     return aim.correction.dx_um, aim.correction.dy_um
 
 
-async def _go(
-    job: JobContext, context: StationContext, here: Position, way_um: tuple[float, float], pose_map: PoseMap
-) -> Position:
-    """Move by an absolute target, never further than the map was calibrated for; return where the head is."""
+def _target(context: StationContext, here: Position, way_um: tuple[float, float], pose_map: PoseMap) -> Position:
+    """Return the absolute target of a step, never further than the map was calibrated for, and within reach."""
     limit_um = min(pose_map.radius_um, context.servo.max_placement_um)
     length_um = math.hypot(*way_um)
     if not length_um <= limit_um:
@@ -176,15 +199,10 @@ async def _go(
             f"the correction would be {length_um:.0f} um; calibrated are {limit_um:.0f} um",
             correction_um=round(length_um, 1),
         )
-    geometry = context.geometry
     level = Position(here.x_um + way_um[0], here.y_um + way_um[1], here.z_um, here.theta_deg)
     target = replace(level, z_um=_look_z_um(context, level))
     context.station.check(target)
-    await context.station.prepare_white(job)
-    job.moves += 1
-    reached = await context.station.go(target, job, slow_z_um=geometry.slow_z_um(target))
-    job.note("move", {"x_um": round(target.x_um, 2), "y_um": round(target.y_um, 2), "theta_deg": here.theta_deg})
-    return reached
+    return target
 
 
 def _must_shrink(before_um: float, after_um: float, scatter_um: float) -> None:

@@ -13,6 +13,7 @@ import zmq
 from daemon.domain.errors import Fault
 from daemon.platform.clock import utc_now
 from daemon.server.auth import Authenticator
+from daemon.server.connection_limit import ConnectionLimit
 from daemon.storage.journal import Journal
 from daemon.wire.events import Topic, event
 from daemon.wire.limits import EVENT_QUEUE
@@ -23,13 +24,19 @@ BIND_AGAIN_S, GIVE_UP_S = 0.01, 5.0
 log = structlog.get_logger(__name__)
 
 
-def bind(socket: zmq.Socket[Any], endpoint: str) -> None:
-    """Bind, or close the socket before the error goes on: a context waits for open sockets without end."""
+def bind(socket: zmq.Socket[Any], endpoint: str) -> ConnectionLimit:
+    """Bind, and return what bounds the socket's peers; close both before an error goes on.
+
+    A context waits for open sockets without end.
+    """
+    limit = ConnectionLimit(socket)
     try:
         socket.bind(endpoint)
     except zmq.ZMQError:
+        limit.close()
         socket.close(linger=0)
         raise
+    return limit
 
 
 class EventPublisher:
@@ -55,7 +62,7 @@ class EventPublisher:
         self._held: deque[tuple[Topic, dict[str, Any]]] | None = None
         """What was published while another event is being written; None while none is."""
         self._socket = self._open()
-        bind(self._socket, endpoint)
+        self._limit = bind(self._socket, endpoint)
 
     def _open(self) -> zmq.Socket[bytes]:
         socket: zmq.Socket[bytes] = self._context.socket(zmq.PUB)
@@ -126,6 +133,7 @@ class EventPublisher:
         """Close the socket; what is on its way is still sent for a moment."""
         if self._moving is not None:
             self._moving.cancel()
+        self._limit.close()
         self._socket.close()
 
     def _send_all_away(self) -> None:
@@ -134,8 +142,10 @@ class EventPublisher:
         A PUB socket cannot part from one peer alone. What is published until the new socket stands is lost to
         subscribers, who see that by `seq`.
         """
+        self._limit.close()
         self._socket.close(linger=0)
         self._socket = self._open()
+        self._limit = ConnectionLimit(self._socket)
         if self._moving is not None:
             self._moving.cancel()
         self._moving = asyncio.create_task(self._bind_again(self._socket), name="events")

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import assert_never
 
 from daemon.config.current import CurrentSettings
@@ -19,6 +19,7 @@ from daemon.jobs.fault_latch import FaultLatch
 from daemon.jobs.image_archive import ImageArchive
 from daemon.jobs.runner import JobRunner
 from daemon.maintenance.monitor import Monitor
+from daemon.station.needle import Needle
 from daemon.storage.calibration_store import Calibrations
 from daemon.storage.journal import Journal
 from daemon.telemetry.metrics import Metrics
@@ -30,6 +31,7 @@ from daemon.wire.operations.control import (
     Cancel,
     CancelReply,
     Links,
+    NeedleState,
     Reset,
     Result,
     ResultReply,
@@ -84,6 +86,8 @@ class Collaborators:
     journal: Journal
     vitals: Callable[[], Vitals]
     """Read the present numbers."""
+    needle: Needle = field(default_factory=Needle)
+    """Where the needle is."""
 
 
 class Handlers:
@@ -159,6 +163,7 @@ class Handlers:
                 not_used=dict(calibrations.problems),
             ),
             pictures=self._with.images.full or "kept",
+            needle=NeedleState(place=self._with.needle.place.value, z_um=self._with.needle.z_um),
         )
 
     async def _snapshot(self) -> SnapshotReply:

@@ -60,12 +60,14 @@ class Hardware:
     async def check_health(self, deadline: Deadline) -> None:
         """Raise if a drive is in fault, was switched off from outside, lost its power, or stands on a limit switch.
 
-        Of several troubles an emergency stop is raised first: the others may be its consequences.
+        Of several troubles an emergency stop is raised first: the others may be its consequences. The lamps' relay
+        is asked last, whether it still shows what it was told.
         """
         self.axes = await self.gantry.health(deadline)
         troubles = [trouble for axis in self.axes if (trouble := _trouble(axis))]
         for trouble in sorted(troubles, key=lambda one: not isinstance(one, EmergencyStop)):
             raise trouble
+        await self.lights.check(deadline)
 
     async def close(self, deadline: Deadline) -> None:
         """Stop motion, go dark, let go of everything; what fails is logged, the rest goes on."""

@@ -17,6 +17,7 @@ from daemon.domain.errors import Fault, FaultCode
 from daemon.station.allowance import Clocked
 from daemon.station.devices import Hardware
 from daemon.station.free_pin import FreePin
+from daemon.station.needle import HEIGHT_WINDOW_UM, Needle, heights
 from drivers.camera import Frame
 from drivers.deadline import Deadline
 from drivers.gantry import Position
@@ -25,8 +26,6 @@ from vision import ControlPoint, NotFound, ProbeModel, Seen, Tip, find_control_p
 from vision.geometry import PoseMap
 
 HOMED_WITHIN_S = 2.0
-HEIGHT_WINDOW_UM = 5.0
-"""The head is at a height when Z agrees this well."""
 SAME_PLACE_UM, SAME_PLACE_DEG = 1.0, 0.02
 """A target this near to where the head stands is no move sideways."""
 LOOKS_FOR_FREE = 3
@@ -79,9 +78,13 @@ class CrossSearch:
 class Station:
     """The opened hardware as one thing that looks and goes."""
 
-    def __init__(self, config: Config, hardware: Hardware) -> None:
+    def __init__(self, config: Config, hardware: Hardware, needle: Needle | None = None) -> None:
+        """Take the needle, which outlives a reload of the configuration; without one the station has its own."""
         self._gantry_section, self._camera_section = config.gantry, config.camera
         self._hardware = hardware
+        self.needle = needle or Needle()
+        """Where the needle is; told of every move and every position."""
+        self.needle.adopt(*heights(config.gantry))
         self._resting_since_s = time.monotonic()
         self._pressed: FreePin | None = None
         """Set while the pin may be pushed in: from before it goes down to a surface until it was seen free again."""
@@ -94,7 +97,13 @@ class Station:
     async def position(self, caller: Clocked) -> Position:
         """Read where the axes are."""
         with caller.watch.spend("bus"):
-            return await self._hardware.gantry.position(caller.deadline)
+            return await self.read_position(caller.deadline)
+
+    async def read_position(self, deadline: Deadline) -> Position:
+        """Read where axes that have their reference are, and let the needle know; nobody's waiting is booked."""
+        position = await self._hardware.gantry.position(deadline)
+        self.needle.reported(position)
+        return position
 
     async def go(
         self,
@@ -106,28 +115,35 @@ class Station:
     ) -> Position:
         """Move the head and return where the drives report it to be; cancelling stops it.
 
+        Raises `Fault` for a target that is not straight above or below while the needle is not known to be up.
+
         `from_above`: axes that come to the target from above, against the rule; only who measures backlash wants that.
         `slow_z_um`: Z below which it goes down slowly; None: where any possible surface may be. After a press nothing
         moves sideways before the pin was seen free.
         """
         self._hardware.gantry.check(target)
+        if not self.needle.is_up:
+            self.needle.refuse_sideways(self.needle.position or await self.position(caller), target)
         if self._pressed is not None and not _straight(await self.position(caller), target):
             await self.see_lifted(caller)
-        return await self._move(target, caller, from_above, slow_z_um)
+        with caller.watch.spend("motion"):
+            return await self._move(target, caller.deadline, from_above, slow_z_um)
 
     async def _move(
         self,
         target: Position,
-        caller: Clocked,
+        deadline: Deadline,
         from_above: frozenset[str] = frozenset(),
         slow_z_um: float | None = None,
     ) -> Position:
-        gantry = self._hardware.gantry
-        with caller.watch.spend("motion"):
-            try:
-                return await gantry.move_to(target, caller.deadline, from_above=from_above, slow_z_um=slow_z_um)
-            finally:
-                self._resting_since_s = time.monotonic()
+        """Move, and let the needle know before and after."""
+        self.needle.departs(target)
+        try:
+            reached = await self._hardware.gantry.move_to(target, deadline, from_above=from_above, slow_z_um=slow_z_um)
+        finally:
+            self._resting_since_s = time.monotonic()
+        self.needle.reported(reached)
+        return reached
 
     async def to_height(
         self, position: Position, z_um: float, caller: Clocked, *, slow_z_um: float | None = None
@@ -151,7 +167,8 @@ class Station:
             return
         position = await self.position(caller)
         if position.z_um < free.z_um:
-            position = await self._move(replace(position, z_um=free.z_um), caller)
+            with caller.watch.spend("motion"):
+                position = await self._move(replace(position, z_um=free.z_um), caller.deadline)
         off_px = 0.0
         for _ in range(LOOKS_FOR_FREE):
             tip = (await self.look_white(position, free.model, None, caller)).tip
@@ -175,13 +192,15 @@ class Station:
         )
 
     async def home(self, caller: Clocked) -> None:
-        """Home all axes."""
+        """Home all axes, Z first and up; where the needle is then is read back."""
+        self.needle.forget()
         with caller.watch.spend("motion"):
             try:
                 await self._hardware.gantry.home(caller.deadline)
             finally:
                 self._resting_since_s = time.monotonic()
         self._pressed = None  # Z went up to its switch before anything else moved
+        await self.position(caller)
 
     async def require_homed(self, caller: Clocked) -> None:
         """Raise unless every drive still knows where it is."""
@@ -240,16 +259,26 @@ class Station:
         with caller.watch.spend("bus"):
             await self._hardware.lights.set(Light.OFF, caller.deadline)
 
+    @property
+    def moving(self) -> bool:
+        """Whether a move or a homing run is under way."""
+        return self._hardware.gantry.moving
+
     async def stop(self) -> None:
         """Stop all motion at once, whatever else goes on."""
         await self._hardware.gantry.quick_stop()
 
-    async def retract(self, deadline: Deadline) -> None:
-        """Lift the needle to the safe height."""
-        position = await self._hardware.gantry.position(deadline)
+    async def homed(self, deadline: Deadline) -> bool:
+        """Ask every drive whether it has its reference."""
+        return await self._hardware.gantry.homed(deadline)
+
+    async def retract(self, deadline: Deadline) -> Position:
+        """Lift the needle straight up to the safe height; return where Z is read to be, which may be higher already."""
+        position = await self.read_position(deadline)
         if position.z_um < self._gantry_section.safe_z_um:
             safe = Position(position.x_um, position.y_um, self._gantry_section.safe_z_um, position.theta_deg)
-            await self._hardware.gantry.move_to(safe, deadline)
+            position = await self._move(safe, deadline)
+        return position
 
 
 def _straight(here: Position, target: Position) -> bool:

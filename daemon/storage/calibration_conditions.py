@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict
 
 FUTURE_TOLERANCE = timedelta(minutes=5)
 """What clocks may differ by."""
+AHEAD = "dated in the future"
 SAME_UM, SAME_DEG = 1.0, 0.001
 OF_THE_HEIGHT = frozenset({"map", "rotation", "surface", "alignment"})
 """Kinds whose lengths hold for one touching plane."""
@@ -56,5 +57,5 @@ def dated_in_the_future(made_at: str) -> str | None:
     made = datetime.fromisoformat(made_at)
     made = made if made.tzinfo is not None else made.replace(tzinfo=UTC)
     if made > datetime.now(UTC) + FUTURE_TOLERANCE:
-        return f"it is dated in the future ({made_at}): set the clock, then `reset`, or calibrate again"
+        return f"it is {AHEAD} ({made_at}): set the clock, then `reset`, or calibrate again"
     return None

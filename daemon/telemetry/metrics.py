@@ -58,7 +58,9 @@ class Metrics:
         self._errors = Counter("reprobe_job_errors", "Jobs that failed.", ["op", "error"], registry=known)
         self._state = Gauge("reprobe_state", "1 for the present state.", ["state"], registry=known)
         self._alerts = Gauge("reprobe_alert_active", "1 while the alert is raised.", ["alert"], registry=known)
-        self._touches = Counter("reprobe_touches", "Touches reported by the tester.", registry=known)
+        self._touches = Counter(
+            "reprobe_touches", "Touches reported by the tester, and made by the daemon itself.", registry=known
+        )
         self._retests = Counter("reprobe_retests", "Re-tests reported.", ["result"], registry=known)
         self._events = Counter("reprobe_events", "Events published.", ["topic"], registry=known)
 
@@ -115,7 +117,7 @@ class Metrics:
                 shown.observe(result[name] * UM_M)
 
     def report(self, retest: str | None, touches: int) -> None:
-        """Count what a tester reported."""
+        """Count what a tester reported, or a touch of the daemon's own."""
         self._touches.inc(touches)
         if retest is not None:
             self._retests.labels(retest).inc()

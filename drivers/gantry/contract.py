@@ -169,6 +169,9 @@ class GantryAxis(Protocol):
     async def arrived(self, deadline: Deadline) -> bool:
         """Look at the move begun before; raise what made it fail."""
 
+    async def check_standing(self, deadline: Deadline) -> None:
+        """Look at an axis that stands while others move; raise what it has met. One short question to the drive."""
+
     async def home(self, deadline: Deadline) -> None:
         """Find the reference, and keep in the drive that it was found."""
 

@@ -1,6 +1,7 @@
 """X, Y, Z and theta as one machine: safe paths, coordinated waits, every axis stopped when one fails."""
 
 import asyncio
+import time
 from collections.abc import AsyncIterator, Iterable, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import replace
@@ -128,7 +129,10 @@ class Gantry:
                 raise failures.exceptions[0] from failures
 
     async def _run(self, leg: Leg, deadline: Deadline) -> None:
-        """Start the axes of one leg and poll them all until all are there."""
+        """Start the axes of one leg and poll them until all are there; an axis that stands and fails ends it too.
+
+        Those that stand are asked in the pause between two polls, so that looking at them delays nothing.
+        """
         for name, at in leg.to.items():
             await self._axes[name].begin_move(at, deadline, leg.speed_units_s)
         under_way = set(leg.to)
@@ -137,7 +141,11 @@ class Gantry:
                 if await self._axes[name].arrived(deadline):
                     under_way.discard(name)
             if under_way:
-                await asyncio.sleep(min(self._axes[name].config.poll_s for name in under_way))
+                next_s = time.monotonic() + min(self._axes[name].config.poll_s for name in under_way)
+                for name, axis in self._axes.items():
+                    if name not in under_way:
+                        await axis.check_standing(deadline)
+                await asyncio.sleep(max(0.0, next_s - time.monotonic()))
 
     def _check_arrival(self, target: Position, reached: Position) -> None:
         """Compare all four axes after the move, also those that came to rest legs ago."""

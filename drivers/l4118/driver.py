@@ -195,6 +195,12 @@ class Axis:
             raise stopped_by_program(self.config.name)
         return watch.arrived(status, time.monotonic())
 
+    async def check_standing(self, deadline: Deadline) -> None:
+        """Look at an axis that stands while others move; raise DriveFault or EmergencyStop when it lost its power."""
+        status = await self.status(deadline)
+        if self._left_enabled or status.state in (PowerState.FAULT, PowerState.FAULT_REACTION):
+            await self._must_run(status, deadline)
+
     async def home(self, deadline: Deadline) -> None:
         """Find the reference; leaves the marker in the drive. Any failure or cancellation halts the axis."""
         limit = deadline.within(self.config.homing.timeout_s)

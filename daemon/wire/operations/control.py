@@ -11,7 +11,7 @@ from daemon.wire.example_parts import AT, RESULT
 from daemon.wire.limits import MAX_SEQ
 from daemon.wire.operations.row import DefaultDeadline, Operation
 from daemon.wire.replies import Reply
-from daemon.wire.requests import ImmediateRequest, JobId, Request
+from daemon.wire.requests import ImmediateRequest, JobId, Request, Whole
 
 
 class Cancel(Request):
@@ -50,8 +50,8 @@ class Results(Request):
     """Replay results from a seq on."""
 
     op: Literal["results"]
-    since: int = Field(default=0, ge=0, le=MAX_SEQ, description="first seq wanted")
-    limit: int = Field(default=100, ge=1, le=1000)
+    since: Whole = Field(default=0, ge=0, le=MAX_SEQ, description="first seq wanted")
+    limit: Whole = Field(default=100, ge=1, le=1000)
 
 
 class Running(Told):
@@ -72,6 +72,13 @@ class CalibrationState(Told):
     not_used: dict[str, str] = Field(description="kind -> why its file is not used")
 
 
+class NeedleState(Told):
+    """Where the needle is, as far as the drives have told."""
+
+    place: str = Field(description="up, down (below the height of looks) or unknown")
+    z_um: float | None = Field(description="height that Z last reported; null while the place is unknown")
+
+
 class StatusReply(Reply):
     """What the daemon is doing."""
 
@@ -83,6 +90,7 @@ class StatusReply(Reply):
     queued: int = Field(description="jobs that wait")
     calibration: CalibrationState
     pictures: str = Field(description="kept, or why they are not")
+    needle: NeedleState
 
 
 class Links(Told):
@@ -97,7 +105,7 @@ class SnapshotReply(StatusReply):
 
     next_seq: int = Field(description="the number the next event will carry")
     last_result: JobResult | None
-    touches: int = Field(description="reported so far")
+    touches: int = Field(description="reported so far, and made by the daemon itself")
     links: Links
 
 
@@ -126,7 +134,7 @@ AnyControl = Cancel | Reset | Status | Snapshot | Result | Results
 
 _STATUS: Final[dict[str, Any]] = {
     "station": "station-1", "state": "idle", "lifecycle": "ready", "fault": None, "running": None, "queued": 0,
-    "pictures": "kept",
+    "pictures": "kept", "needle": NeedleState(place="up", z_um=5200.0).model_dump(),
     "calibration": {"tip": True, "map_made_at": AT, "made_at": {"map": AT}, "aligned": True, "not_used": {}},
 }  # fmt: skip
 ROWS: Final = (

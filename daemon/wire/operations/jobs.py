@@ -1,19 +1,23 @@
-"""Operations that are jobs: correct, place, look, align, calibrate, home. Their bodies are `daemon.procedures`.
+"""Operations that are jobs: correct, place, look, align, calibrate, home, lift. Their bodies are `daemon.procedures`.
 
 The request carries `id`, the caller's idempotency key.
 """
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Final, Literal, Self
+from typing import Annotated, Any, Final, Literal, Self, TypeVar
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from daemon.domain.results import JobResult
 from daemon.wire.example_parts import RESULT
 from daemon.wire.operations.row import DefaultDeadline, Operation
 from daemon.wire.replies import Reply
-from daemon.wire.requests import JobRequest, Name, Px, Um
+from daemon.wire.requests import JobRequest, Name, Px, Um, Whole, whole
+
+T = TypeVar("T")
+Pair = Annotated[tuple[T, T], Field(strict=False)]
+"""Two numbers. JSON has arrays and no tuples: the array is taken as one, its numbers stay strict."""
 
 _WHICH_BOARD = "which board lies in the nest, a serial number for example; refused (not_aligned) unless it was aligned"
 
@@ -40,7 +44,7 @@ class Place(JobRequest):
 
     op: Literal["place"]
     test_point: Name | None = None
-    board_um: tuple[Um, Um] | None = Field(default=None, description="instead of a test point: a place, board frame")
+    board_um: Pair[Um] | None = Field(default=None, description="instead of a test point: a place, board frame")
     theta_deg: float = Field(default=0.0, ge=0.0, lt=360.0, allow_inf_nan=False, description="head angle")
     board_id: Name | None = Field(default=None, description=_WHICH_BOARD)
 
@@ -66,11 +70,15 @@ class Align(JobRequest):
     """
 
     op: Literal["align"]
-    fiducials: tuple[Name, ...] | None = Field(
+    fiducials: Annotated[tuple[Name, ...], Field(strict=False)] | None = Field(
         default=None, min_length=3, max_length=50, description="round targets; none: the board's fiducials"
     )
     thetas_deg: tuple[Annotated[float, Field(ge=0.0, lt=360.0, allow_inf_nan=False)], ...] = Field(
-        default=(0.0, 180.0), min_length=1, max_length=8, description="head angles from which each is looked at"
+        default=(0.0, 180.0),
+        min_length=1,
+        max_length=8,
+        strict=False,
+        description="head angles from which each is looked at",
     )
     board_id: Name | None = Field(
         default=None, description="which board lies in the nest; later requests may name it, another one is refused"
@@ -82,20 +90,22 @@ class Calibrate(JobRequest):
 
     op: Literal["calibrate"]
     what: Literal["tip", "map", "rotation", "surface", "backlash"]
-    tip_px: tuple[Px, Px] | None = Field(default=None, description="tip: where the needle's end is in the picture")
+    tip_px: Pair[Px] | None = Field(default=None, description="tip: where the needle's end is in the picture")
     test_point: Name | None = Field(
         default=None, description="map, backlash: the round target to look at; none: the control point"
     )
     theta_deg: float = Field(
         default=0.0, ge=0.0, lt=360.0, allow_inf_nan=False, description="map, surface, backlash: head angle"
     )
-    angles: int | None = Field(default=None, ge=6, le=1000, description="rotation: so many angles, evenly spread")
+    angles: Annotated[int, Field(ge=6, le=1000), BeforeValidator(whole)] | None = Field(
+        default=None, description="rotation: so many angles, evenly spread"
+    )
     every_deg: float | None = Field(
         default=None, ge=0.5, le=45.0, allow_inf_nan=False, description="rotation: instead, an angle at every so many"
     )
     model: Literal["auto", "fourier", "array", "circle"] = Field(default="auto", description="rotation: what to fit")
     resume: bool = Field(default=True, description="rotation: go on where an interrupted run ended")
-    places: int = Field(default=12, ge=4, le=200, description="surface: how many places to touch")
+    places: Whole = Field(default=12, ge=4, le=200, description="surface: how many places to touch")
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
@@ -107,20 +117,26 @@ class Calibrate(JobRequest):
 
 
 class Home(JobRequest):
-    """Home all axes; the only request that leaves the fault `not_homed`."""
+    """Home all axes, Z first and up; the only request that leaves the fault `not_homed`."""
 
     op: Literal["home"]
+
+
+class Lift(JobRequest):
+    """Raise the needle straight up to the safe height from wherever it is; leaves the fault `needle_down`."""
+
+    op: Literal["lift"]
 
 
 class JobReply(Reply):
     """The job was taken; with `wait`, or for an id that is done already, it carries the result."""
 
-    ABSENT = frozenset({"id", "result"})
+    ABSENT = Reply.ABSENT | {"result"}
     accepted: Literal[True] = True
     result: JobResult | None = Field(default=None, description="left out while there is none")
 
 
-AnyJob = Correct | Place | Look | Align | Calibrate | Home
+AnyJob = Correct | Place | Look | Align | Calibrate | Home | Lift
 """Every request of a job, for the type checker; in the order of the rows."""
 
 _TAKEN: Final[dict[str, Any]] = {"accepted": True}
@@ -186,6 +202,15 @@ ROWS: Final = (
                 "error_after_um": None, "looks": 0,
             },
         },
+    ),
+    Operation(
+        request=Lift,
+        reply=JobReply,
+        least_role="operate",
+        deadline=DefaultDeadline.JOB,
+        outcomes=("lifted",),
+        example={"id": "lift-1"},
+        example_reply=_TAKEN | {"id": "lift-1"},
     ),
 )  # fmt: skip
 """One row per job, in the order of the page."""

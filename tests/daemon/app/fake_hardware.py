@@ -6,6 +6,8 @@ from collections.abc import Awaitable, Callable, Iterable
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
+
 AXES = ("x", "y", "z", "theta")
 Gate = Callable[[str], Awaitable[None]]
 
@@ -28,8 +30,16 @@ class FakeHardware:
         self.buses: dict[str, Any] = {}
         self.axes: tuple[Any, ...] = ()
         self.found = {name: SimpleNamespace(fit=True, homed=True) for name in AXES}
-        self.camera = SimpleNamespace(settings=dict, frame_after=self._frame)
+        self.delivered = 0
+        self.lit_level = 5
+        """How bright a picture is that is taken while the lamps are off."""
+        self.settle_s = 0.0
+        self.camera = SimpleNamespace(
+            settings=dict, frame_after=self._frame, open=self._open_camera, close=self._close_camera,
+            statistics=lambda: SimpleNamespace(delivered=self.delivered),
+        )  # fmt: skip
         self.moving = False
+        self.z_um = 12_000.0
         self.unstopped = False
 
     async def _ask(self, what: str) -> None:
@@ -58,15 +68,23 @@ class FakeHardware:
         await self._ask("homed")
         return all(self.homed.values())
 
-    async def _frame(self, _since_s: float, _deadline: Any) -> None:
+    async def _frame(self, _since_s: float, _deadline: Any) -> Any:
         await self._ask("frame")
+        self.delivered += 1
+        return SimpleNamespace(pixels=np.full((8, 8, 3), self.lit_level, np.uint8))
+
+    async def _open_camera(self, _deadline: Any) -> None:
+        await self._ask("open camera")
+
+    async def _close_camera(self) -> None:
+        await self._ask("close camera")
 
     async def quick_stop(self) -> None:
         await self._ask("quick_stop")
 
     async def position(self, _deadline: Any) -> Any:
         await self._ask("position")
-        return SimpleNamespace(x_um=0.0, y_um=0.0, z_um=12_000.0, theta_deg=0.0)
+        return SimpleNamespace(x_um=0.0, y_um=0.0, z_um=self.z_um, theta_deg=0.0)
 
     async def set(self, _light: Any, _deadline: Any) -> None:
         await self._ask("light")

@@ -21,6 +21,7 @@ from daemon.jobs.fault_latch import AXES, FaultLatch
 from daemon.jobs.runner import JobRunner
 from daemon.jobs.station_lock import StationLock
 from daemon.jobs.watchdog import Watchdog
+from daemon.station.needle import NeedlePlace
 from daemon.storage.calibration_store import Calibrations
 from daemon.tools.demo.settings import Places, write_settings
 from daemon.wire.operations.table import OPERATIONS
@@ -36,6 +37,7 @@ JOBS: dict[str, dict[str, Any]] = {
     "align": {},
     "calibrate": {"what": "backlash"},
     "home": {},
+    "lift": {},
 }
 
 
@@ -289,6 +291,69 @@ async def test_a_fault_that_the_drives_know_nothing_of_is_asked_for_where_it_is(
     assert station.latch.state is State.IDLE
 
 
+async def test_a_reset_opens_a_camera_again_that_gives_no_picture_whatever_was_latched(station: Station) -> None:
+    await station.supervisor.open()
+    station.latch.latch(Fault(FaultCode.LINK_LOST))
+    station.hardware.errors["frame"] = CameraError("gives no more pictures", device="camera")
+
+    async def gate(what: str) -> None:
+        if what == "open camera":
+            station.hardware.errors.clear()
+
+    station.watch(gate)
+    assert await station.supervisor.reset() is None
+    looked = [what for what in station.hardware.did if "camera" in what or what == "frame"]
+    assert looked[-4:] == ["frame", "close camera", "open camera", "frame"]
+    assert station.latch.state is State.IDLE
+
+
+async def test_a_reset_does_not_end_a_fault_while_the_camera_gives_nothing(station: Station) -> None:
+    await station.supervisor.open()
+    station.latch.latch(Fault(FaultCode.LINK_LOST))
+    station.hardware.errors["frame"] = CameraError("gives no more pictures", device="camera")
+    still = await station.supervisor.reset()
+    assert still is not None
+    assert [cause.kind for cause in station.latch.causes] == [FaultCode.CAMERA_FAILED, FaultCode.LINK_LOST]
+
+
+async def test_a_lamp_that_shines_at_rest_is_a_fault_until_a_picture_is_dark(
+    station: Station, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daemon.app.supervisor.CHECK_EVERY_S", 0.001)
+    await station.supervisor.open()
+    looking = asyncio.create_task(station.supervisor.run())
+    await _until(lambda: station.hardware.delivered == 1)
+    await _until(lambda: station.hardware.did.count("check_health") > 5)
+    assert (station.hardware.delivered, station.latch.state) == (1, State.IDLE), "nobody has used the lamps since"
+    station.hardware.lit_level = 90
+    station.hardware.delivered += 2  # a job took two pictures
+    await _until(lambda: station.latch.fault is not None)
+    looking.cancel()
+    assert station.latch.fault is not None
+    assert station.latch.fault.kind is FaultCode.LIGHT_FAILED
+    still = await station.supervisor.reset()
+    assert still is not None
+    assert still.kind is FaultCode.LIGHT_FAILED
+    station.hardware.lit_level = 5
+    assert await station.supervisor.reset() is None
+    assert station.latch.state is State.IDLE
+
+
+async def test_a_picture_taken_at_rest_is_void_once_a_job_has_begun_and_holds_none_up(station: Station) -> None:
+    await station.supervisor.open()
+    station.hardware.lit_level = 90
+
+    async def gate(what: str) -> None:
+        if what == "frame":
+            assert station.lock.holder is None
+            station.latch.begin("look", "l1")
+
+    station.watch(gate)
+    await station.supervisor.first_check(Watchdog())
+    assert "frame" in station.hardware.did
+    assert station.latch.fault is None
+
+
 async def test_a_journal_that_cannot_be_written_keeps_the_fault(station: Station) -> None:
     await station.supervisor.open()
     station.latch.latch(Fault(FaultCode.JOURNAL_FAILED))
@@ -449,3 +514,49 @@ async def test_at_the_end_nothing_moves_while_an_axis_is_in_doubt(station: Stati
 async def test_a_station_that_was_never_opened_has_nothing_to_release(station: Station) -> None:
     await station.supervisor.release()
     assert station.hardware.did == []
+
+
+# --- the needle -------------------------------------------------------------------------------------------------------
+
+
+async def test_a_start_with_the_needle_below_working_height_says_so_and_moves_nothing(station: Station) -> None:
+    station.hardware.z_um = 4_900.0
+    await station.supervisor.open()
+    assert [cause.kind for cause in station.latch.causes] == [FaultCode.NEEDLE_DOWN]
+    assert (station.supervisor.needle.place, station.supervisor.needle.z_um) == (NeedlePlace.DOWN, 4_900.0)
+    assert not [asked for asked in station.hardware.did if asked.startswith("move")]
+    assert {op: await station.submit(op, op) for op in JOBS} == {
+        op: "accepted" if op in ("home", "lift") else "in_fault" for op in JOBS
+    }
+
+
+async def test_no_reset_clears_needle_down_not_even_with_the_needle_up(station: Station) -> None:
+    station.hardware.z_um = 4_900.0
+    await station.supervisor.open()
+    for z_um in (4_900.0, 12_000.0):
+        station.hardware.z_um = z_um
+        still = await station.supervisor.reset()
+        assert still is not None
+        assert still.kind is FaultCode.NEEDLE_DOWN
+        assert station.latch.state is State.FAULT
+
+
+async def test_a_reset_clears_the_cause_and_leaves_that_the_needle_is_down(station: Station) -> None:
+    await station.supervisor.open()
+    station.hardware.z_um = 4_900.0
+    station.latch.latch(Fault(FaultCode.LINK_LOST))
+    station.latch.latch(Fault(FaultCode.NEEDLE_DOWN))
+    assert await station.supervisor.reset() is not None
+    assert [cause.kind for cause in station.latch.causes] == [FaultCode.NEEDLE_DOWN]
+
+
+async def test_a_lost_reference_is_named_first_and_leaves_needle_down_behind_it(station: Station) -> None:
+    await station.supervisor.open()
+    station.latch.latch(Fault(FaultCode.EMERGENCY_STOP))
+    station.latch.latch(Fault(FaultCode.NEEDLE_DOWN))
+    assert station.supervisor.needle.place is NeedlePlace.UNKNOWN
+    assert await station.supervisor.reset() is not None
+    assert [cause.kind for cause in station.latch.causes] == [FaultCode.NOT_HOMED, FaultCode.NEEDLE_DOWN]
+    assert station.supervisor.needle.place is NeedlePlace.UNKNOWN, "settling the doubt has not made it known"
+    assert await station.submit("lift", "l") == "in_fault"
+    assert await station.submit("home", "h") == "accepted"

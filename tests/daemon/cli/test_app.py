@@ -12,6 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from daemon.cli.app import app
+from daemon.cli.demo import MARK
 
 ROOT = Path(__file__).parents[3]
 DEMO = ROOT / "sim_hw" / "demo_board"
@@ -70,7 +71,9 @@ def test_a_second_daemon_on_the_same_sockets_is_told_so(station: Path, tmp_path:
     assert "another daemon" in output
 
 
-@pytest.mark.parametrize("command", [["status"], ["trigger", "TP1", "--timeout-s", "0.2"], ["home"], ["reset"]])
+@pytest.mark.parametrize(
+    "command", [["status"], ["trigger", "TP1", "--timeout-s", "0.2"], ["home"], ["lift"], ["reset"]]
+)
 def test_without_a_daemon_the_tester_is_told_so(command: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("daemon.cli.tester.ANSWER_WITHIN_S", 0.2)
     code, output = _run(*command, "--endpoint", NOBODY)
@@ -95,6 +98,28 @@ def test_a_board_without_targets_is_refused_kindly(tmp_path: Path) -> None:
     assert code == 2
     assert "no probe-able round target" in output
     assert "reprobe board" in output
+
+
+@pytest.mark.parametrize("found", ["station/journal.sqlite", "station.toml", "notes.txt"])
+def test_a_demonstration_touches_no_folder_that_it_did_not_make(tmp_path: Path, found: str) -> None:
+    kept = tmp_path / "mine" / found
+    kept.parent.mkdir(parents=True)
+    kept.write_text("mine")
+    code, output = _run("demo", "-o", str(tmp_path / "mine"))
+    assert code == 2
+    assert "was not made by" in output
+    assert kept.read_text() == "mine"
+    assert [path for path in (tmp_path / "mine").rglob("*") if path.is_file()] == [kept]
+
+
+def test_a_demonstration_follows_no_link_to_a_stations_folder(tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / MARK).touch()
+    (tmp_path / "real").mkdir()
+    (tmp_path / "out" / "station").symlink_to(tmp_path / "real")
+    code, _ = _run("demo", "-o", str(tmp_path / "out"))
+    assert code == 2
+    assert [*(tmp_path / "real").iterdir()] == []
 
 
 def test_a_demonstration_that_is_ended_ends_its_processes(tmp_path: Path) -> None:

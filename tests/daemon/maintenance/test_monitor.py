@@ -170,6 +170,18 @@ async def test_corrections_are_counted_among_the_touches_reported(tmp_path: Path
         assert monitor.overview()["touches"] == 100
 
 
+async def test_the_daemons_own_touches_wear_the_probe_and_are_no_touches_that_could_have_missed(tmp_path: Path) -> None:
+    async with _running(tmp_path) as (monitor, _):
+        for k in range(3):
+            _correct(monitor, k)
+        for _ in range(50):
+            monitor.on_own_touch()
+        monitor.on_touches(100)
+        await _settled(monitor)
+        assert monitor.panel.watches["correction_share"].standing.figure == pytest.approx(0.03)
+        assert monitor.overview()["touches"] == 150
+
+
 async def test_touches_reported_one_by_one_are_written_twenty_at_a_time(tmp_path: Path) -> None:
     async with _station(tmp_path) as station:
         monitor = station.monitor

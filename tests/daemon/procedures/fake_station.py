@@ -285,6 +285,7 @@ class World:
         self.station = ScriptedStation(self)
         self.calibrations = Calibrations(folder, config.station.name)
         self.geometry = Geometry(config, board, self.calibrations)
+        self.station.needle.adopt(self.geometry.up_z_um, self.geometry.surface_z_um)
         self.context = StationContext(config, self.station, board, self.calibrations, self.geometry)
         # --- the truth
         self.true_map = pose_map()

@@ -1,7 +1,8 @@
-"""Home, place and look do one thing each, and say what came of it."""
+"""Home, lift, place and look do one thing each, and say what came of it."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -59,12 +60,43 @@ async def test_home_fails_if_a_drive_does_not_agree_afterwards(world: World) -> 
     assert (await _failed(world, {"op": "home"})).kind is FaultCode.NOT_HOMED
 
 
+async def test_a_homing_that_leaves_the_needle_down_fails(world: World) -> None:
+    world.gantry.reported = replace(world.gantry.reported, z_um=4_900.0)
+    assert (await _failed(world, {"op": "home"})).kind is FaultCode.NEEDLE_DOWN
+
+
 async def test_a_homing_that_fails_never_arrives(world: World) -> None:
     world.gantry.failures[0] = Stalled("blocked", device="z")
     ran = begin({"op": "home"})
     with pytest.raises(Stalled):
         await run(world, PROCEDURES["home"], {"op": "home"}, ran)
     assert ran.events == [Event.DEPARTED]
+
+
+# --- lift ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("z_um", [4_900.0, 5_200.0, 12_500.0])
+async def test_a_lift_raises_the_needle_straight_up_and_no_lower_than_it_is(world: World, z_um: float) -> None:
+    world.gantry.reported = replace(world.gantry.reported, z_um=z_um)
+    before = world.gantry.reported
+    ran = await run(world, PROCEDURES["lift"], {"op": "lift"})
+    assert ran.events == [Event.DEPARTED, Event.ARRIVED]
+    assert ran.got.outcome == "lifted"
+    assert ran.got.detail["position"]["z_um"] == max(z_um, 12_000.0)
+    assert [move for move, _ in world.gantry.moves] == ([replace(before, z_um=12_000.0)] if z_um < 12_000.0 else [])
+
+
+async def test_a_lift_of_axes_without_a_reference_moves_nothing(world: World) -> None:
+    world.gantry.is_homed = False
+    assert (await _failed(world, {"op": "lift"})).kind is FaultCode.NOT_HOMED
+    assert world.gantry.moves == []
+
+
+async def test_a_lift_whose_needle_is_read_to_be_down_says_so(world: World) -> None:
+    world.gantry.off_um = (0.0, 0.0, -7_000.0)
+    world.gantry.reported = replace(world.gantry.reported, z_um=4_900.0)
+    assert (await _failed(world, {"op": "lift"})).kind is FaultCode.NEEDLE_DOWN
 
 
 # --- place --------------------------------------------------------------------------------------------------------

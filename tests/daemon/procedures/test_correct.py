@@ -16,7 +16,7 @@ from daemon.procedures.aiming import look_and_aim
 from daemon.procedures.correct import SIDESTEP_MARGIN_PX, sidestep_um
 from daemon.procedures.registry import PROCEDURES
 from daemon.station.station import LookResult
-from drivers.errors import EnvelopeViolation, Stalled
+from drivers.errors import CameraError, EnvelopeViolation, Stalled
 from drivers.lights import Light
 from tests.daemon.procedures.fake_station import (
     BELOW_PX,
@@ -464,16 +464,47 @@ async def test_without_a_tip_nothing_moves(world: World) -> None:
     assert (world.gantry.moves, ran.job.looks) == ([], 3)
 
 
-async def test_a_tip_lost_beside_the_pad_ends_the_job_there(world: World) -> None:
+async def test_a_tip_lost_beside_the_pad_returns_the_head_and_keeps_the_first_cause(world: World) -> None:
     world.put_beside("A", (40.0, -30.0))
+    start = world.gantry.reported
     world.station.script = dict.fromkeys((1, 2, 3), _hide) | dict.fromkeys((4, 5, 6), _without_tip)
-    assert (await _fault(world)).kind is FaultCode.TIP_NOT_FOUND
-    assert len(world.gantry.moves) == 1
+    fault = await _fault(world)
+    assert fault.kind is FaultCode.TEST_POINT_NOT_FOUND
+    assert fault.detail["aside"]["name"] == "tip_not_found"
+    assert len(world.gantry.moves) == 2
+    assert world.gantry.moves[-1][0] == start
 
 
-async def test_a_sidestep_beyond_the_calibrated_radius_is_refused(world: World) -> None:
+async def test_a_sidestep_beyond_the_calibrated_radius_is_not_taken(world: World) -> None:
     world.with_map(pose_map(radius_um=100.0))
     world.put_beside("A", (10.0, 0.0))
     world.station.always = _hide
-    assert (await _fault(world)).kind is FaultCode.CORRECTION_TOO_LARGE
+    fault = await _fault(world)
+    assert fault.kind is FaultCode.TEST_POINT_NOT_FOUND
+    assert fault.detail["aside"]["name"] == "correction_too_large"
     assert world.gantry.moves == []
+
+
+async def test_a_camera_that_fails_beside_the_pad_returns_the_head_and_is_latched_with_the_first_cause(
+    world: World,
+) -> None:
+    world.put_beside("A", (40.0, -30.0))
+    start = world.gantry.reported
+
+    def blind(_seen: LookResult) -> LookResult:
+        raise CameraError("gone", device="camera")
+
+    world.station.script = dict.fromkeys((1, 2, 3), _hide) | {4: blind}
+    fault = await _fault(world)
+    assert fault.kind is FaultCode.CAMERA_FAILED
+    assert fault.detail["first_cause"]["name"] == "test_point_not_found"
+    assert world.gantry.moves[-1][0] == start
+
+
+async def test_after_an_axis_that_stalled_beside_the_pad_nothing_moves(world: World) -> None:
+    world.put_beside("A", (40.0, -30.0))
+    world.station.always = _hide
+    world.gantry.failures[1] = Stalled("stuck", device="x")
+    with pytest.raises(Stalled):
+        await _correct(world)
+    assert len(world.gantry.moves) == 1

@@ -114,6 +114,8 @@ async def test_a_look_says_what_is_known_of_the_height(world: World) -> None:
 @pytest.mark.parametrize("height_um", [-480.0, -80.0, 300.0])
 async def test_place_and_correct_follow_the_measured_surface(world: World, height_um: float) -> None:
     world.height_um = _raised(height_um)
+    world.put_beside("P00", (0.0, 0.0))
+    world.gantry.reported = world.gantry.actual = replace(world.gantry.actual, z_um=5_600.0)
     _measured(world, height_um)
     placed = await _run(world, PLACE)
     assert world.gantry.actual.z_um == pytest.approx(WORK_Z_UM + height_um)
@@ -230,6 +232,7 @@ async def test_a_map_is_walked_where_the_needle_hovers(world: World, height_um: 
 
 async def test_a_map_over_a_measured_surface_is_walked_at_the_same_distance_from_it(world: World) -> None:
     world.height_um = _raised(300.0)
+    world.gantry.reported = world.gantry.actual = replace(world.gantry.actual, z_um=5_600.0)
     _measured(world, 300.0)
     await _run(world, {"op": "calibrate", "what": "map", "test_point": "P11"})
     assert world.gantry.moves[0][0].z_um == WORK_Z_UM + 300.0

@@ -79,6 +79,9 @@ class Machine:
     async def set(self, _light: object, _deadline: Deadline) -> None:
         self.did.append("dark")
 
+    async def check(self, _deadline: Deadline) -> None:
+        self.did.append("asked whether it is dark")
+
 
 def _opened(machine: Machine) -> hardware.Hardware:
     anything = cast("Any", machine)

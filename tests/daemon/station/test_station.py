@@ -17,6 +17,7 @@ from daemon.domain.errors import Fault, FaultCode
 from daemon.platform.clock import Stopwatch
 from daemon.station import station as module
 from daemon.station.allowance import Allowance
+from daemon.station.needle import NeedlePlace
 from daemon.station.station import CrossSearch, Search, Station
 from drivers.deadline import Deadline
 from drivers.errors import EnvelopeViolation, Stalled
@@ -50,6 +51,8 @@ class Bench:
         self.station = Station(self.config, self.hardware)
         self.caller = Allowance(Deadline.after(3_600.0), Stopwatch())
 
+        self.station.needle.reported(HERE)
+
     def booked_ms(self, what: str) -> float | None:
         return self.caller.watch.timing_ms()["triggered"].get(what)
 
@@ -70,6 +73,59 @@ async def test_a_move_goes_to_its_target_under_the_callers_deadline_and_is_booke
     assert bench.gantry.asked == [bench.caller.deadline] * 2
     assert bench.booked_ms("motion") is not None
     assert bench.booked_ms("bus") is None
+
+
+BESIDE = [replace(HERE, x_um=50_010.0), replace(HERE, y_um=39_990.0), replace(HERE, theta_deg=1.0)]
+
+
+@pytest.mark.parametrize("target", BESIDE)
+async def test_while_the_needle_is_down_nothing_goes_sideways(bench: Bench, target: Position) -> None:
+    pressed = replace(HERE, z_um=4_900.0)
+    await bench.station.go(pressed, bench.caller)
+    for way in (target, replace(target, z_um=4_900.0), replace(target, z_um=12_000.0)):
+        with pytest.raises(Fault) as caught:
+            await bench.station.go(way, bench.caller)
+        assert caught.value.kind is FaultCode.NEEDLE_DOWN
+    assert [move for move, _ in bench.gantry.moves] == [pressed]
+    await bench.station.go(replace(HERE, z_um=4_800.0), bench.caller)
+    await bench.station.go(replace(HERE, z_um=12_000.0), bench.caller)
+    await bench.station.go(target, bench.caller)
+    assert len(bench.gantry.moves) == 4, "straight down and straight up it may go, and once it is up anywhere"
+
+
+@pytest.mark.parametrize("target", BESIDE)
+async def test_while_nothing_is_known_of_the_needle_it_is_read_before_anything_goes_sideways(
+    bench: Bench, target: Position
+) -> None:
+    bench.station.needle.forget()
+    bench.gantry.reported = replace(HERE, z_um=4_900.0)
+    with pytest.raises(Fault) as caught:
+        await bench.station.go(target, bench.caller)
+    assert caught.value.kind is FaultCode.NEEDLE_DOWN
+    assert bench.gantry.moves == []
+    bench.station.needle.forget()
+    bench.gantry.reported = HERE
+    await bench.station.go(target, bench.caller)
+
+
+async def test_a_descent_that_fails_leaves_the_needle_down_until_it_is_read_to_be_up(bench: Bench) -> None:
+    bench.gantry.failures[1] = Stalled("stuck", device="z")
+    with pytest.raises(Stalled):
+        await bench.station.go(replace(HERE, z_um=4_900.0), bench.caller)
+    assert bench.station.needle.may_be_down
+    assert bench.station.needle.z_um is None
+    await bench.station.retract(Deadline.after(60.0))
+    assert bench.station.needle.is_up
+
+
+async def test_after_homing_the_needle_is_where_the_drives_say(bench: Bench) -> None:
+    bench.gantry.reported = replace(HERE, z_um=30_000.0)
+    await bench.station.home(bench.caller)
+    assert (bench.station.needle.place, bench.station.needle.z_um) == (NeedlePlace.UP, 30_000.0)
+    bench.gantry.failures[0] = Stalled("stuck", device="x")
+    with pytest.raises(Stalled):
+        await bench.station.home(bench.caller)
+    assert bench.station.needle.place is NeedlePlace.UNKNOWN
 
 
 async def test_a_target_out_of_reach_is_refused(bench: Bench) -> None:

@@ -32,6 +32,7 @@ KEPT: dict[str, tuple[Role, DefaultDeadline]] = {
     "align": ("operate", LENGTHY_JOB),
     "calibrate": ("maintain", LENGTHY_JOB),
     "home": ("maintain", JOB),
+    "lift": ("operate", JOB),
     "cancel": ("operate", SHORT),
     "reset": ("maintain", SHORT),
     "status": ("observe", NONE),
@@ -48,8 +49,8 @@ MODULES = {jobs: jobs.AnyJob, control: control.AnyControl, health: health.AnyHea
 SOURCE = Path(daemon.__file__).parent
 ASKERS = ("cli/", "tools/", "client.py")
 """Parts of the program that send requests, as any client does."""
-RULES_OF_THEIR_OWN = {"correct", "look", "calibrate", "home"}
-"""Operations that some files treat in a way of their own, such as `home`, which is allowed in fault."""
+RULES_OF_THEIR_OWN = {"correct", "look", "calibrate", "home", "lift"}
+"""Operations that some files treat in a way of their own, such as `home` and `lift`, which are allowed in fault."""
 
 
 class Wipe(JobRequest):

@@ -206,6 +206,63 @@ async def test_one_failing_axis_stops_the_others(
         assert all(drive.state != 0x27 for name, drive in homed.drives.items() if name != "y")
 
 
+STANDING_TROUBLE: dict[str, tuple[Callable[[DriveModel], object], type[DeviceError]]] = {
+    "fault": (lambda drive: drive.fail(0x3210, 0x01003210), DriveFault),
+    "supply cut": (lambda drive: drive.fail(0x3220, 0x03043220), EmergencyStop),
+    "power cut": (lambda drive: drive.power_cycle(), EmergencyStop),
+    "silent": (lambda drive: setattr(drive, "silent", True), LinkError),
+}
+
+
+@pytest.mark.parametrize("trouble", STANDING_TROUBLE)
+@pytest.mark.parametrize("axis", ["z", "theta"])
+async def test_an_axis_that_fails_while_others_travel_stops_them_on_their_way(
+    homed: Machine, axis: str, trouble: str
+) -> None:
+    """It should look at all axes in each round, not only at those of the leg."""
+    spoil, error = STANDING_TROUBLE[trouble]
+    homed.slow(100_000)
+    target, deadline = dataclasses.replace(PLACE, theta_deg=0.0), Deadline.after(60.0)
+    task = asyncio.create_task(homed.gantry.move_to(target, deadline))
+    await homed.under_way(task)
+    spoil(homed.drives[axis])
+    with pytest.raises(error):
+        await task
+    assert homed.at("x") < PLACE.x_um - 5_000.0, "it went on to its target"
+    assert all(homed.drives[name].state != 0x27 for name in ("x", "y"))
+
+
+async def test_an_axis_that_was_never_switched_on_may_stand_so_while_others_travel(
+    homed: Machine, soon: Deadline
+) -> None:
+    """It should not take a drive for failed that nobody has enabled since the start."""
+    await homed.gantry.quick_stop()
+    await homed.gantry.move_to(dataclasses.replace(PLACE, theta_deg=0.0), soon)
+    assert homed.at("x") == pytest.approx(60000.0, abs=0.01)
+
+
+async def test_standing_axes_are_asked_once_a_round_and_those_under_way_too(homed: Machine, soon: Deadline) -> None:
+    """It should cost the line one short question for each axis that stands."""
+    asked: dict[str, int] = dict.fromkeys(AXES, 0)
+
+    def counting(name: str, drive: DriveModel) -> Callable[[], None]:
+        look = drive.look
+
+        def count() -> None:
+            asked[name] += 1
+            look()
+
+        return count
+
+    await homed.gantry.move_to(dataclasses.replace(PLACE, z_um=12_000.0), soon)
+    for name, drive in homed.drives.items():
+        drive.look = counting(name, drive)  # type: ignore[method-assign]
+    homed.slow(1_000_000)
+    await homed.gantry.move_to(dataclasses.replace(PLACE, z_um=9_000.0), soon)
+    assert asked["z"] > 5, "it travelled for some rounds"
+    assert all(0 < asked[name] <= asked["z"] for name in ("x", "y", "theta")), asked
+
+
 async def test_a_deadline_stops_every_axis(homed: Machine) -> None:
     """It should raise MotionTimeout with all axes off."""
     homed.slow(10_000)

@@ -23,10 +23,12 @@ from daemon.jobs.runner import JobLimits, JobRunner, Surroundings
 from daemon.jobs.station_lock import StationLock
 from daemon.procedures.calibrate import commit
 from daemon.procedures.calibrate.commit import keep, on_disk, tell_old
+from daemon.station.needle import Needle
 from daemon.storage.calibration_records import Record
 from daemon.storage.calibration_store import Calibrations
 from daemon.storage.journal import Journal
 from daemon.wire.operations.jobs import Calibrate
+from drivers.gantry import Position
 from tests.daemon.tools.report.synthetic import backlash_record, rotation_record
 
 STATION = "s1"
@@ -125,6 +127,12 @@ class FakeStation:
     """A station that has nothing to move."""
 
     exchanges = 0
+    moving = False
+
+    def __init__(self) -> None:
+        self.needle = Needle()
+        self.needle.adopt(lambda _at: 0.0, lambda _at: 0.0)
+        self.needle.reported(Position(0.0, 0.0, 12_000.0, 0.0))
 
     async def stop(self) -> None:
         """Stop what does not move."""
