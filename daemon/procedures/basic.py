@@ -10,7 +10,7 @@ from daemon.domain.states import Event
 from daemon.jobs.context import JobContext, Outcome, StationContext
 from daemon.procedures.aiming import describe, known_beforehand, look_and_aim
 from daemon.procedures.board_in_nest import require_board
-from daemon.procedures.height import describe_height, refuse_pushed, require_free
+from daemon.procedures.height import ABOUT_UM, describe_height, refuse_pushed, require_free
 from daemon.station.station import Search
 from daemon.wire.operations.jobs import Home, Lift, Look, Place
 from drivers.gantry import Position
@@ -74,7 +74,7 @@ async def place(job: JobContext, context: StationContext, request: Place) -> Out
 async def _see_free(job: JobContext, context: StationContext, position: Position) -> None:
     """Where the needle was lowered by a measured surface, see that it hovers: another board may lie there by now."""
     pose_map, probe = context.calibrations.pose_map, context.calibrations.probe
-    if pose_map is None or probe is None or position.z_um >= context.gantry.free_z_um:
+    if pose_map is None or probe is None or position.z_um >= context.gantry.free_z_um - ABOUT_UM:
         return
     job.saw(await context.station.look_white(position, probe, None, job))
 

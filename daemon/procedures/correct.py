@@ -75,8 +75,8 @@ async def _first_aim(
             return await _look(job, context, position, point, pose_map, prior)
         except (Fault, DeviceError) as exc:
             failed = as_fault(exc)
-            if failed.kind in UNSURE:
-                raise  # no axis is to be moved any more
+            if failed.kind in UNSURE or failed.kind is FaultCode.WRONG_HEIGHT:
+                raise  # no axis is to be moved any more, or not down again
             if failed.kind not in UNCLEAR:
                 break
     if job.moves:

@@ -15,10 +15,13 @@ from drivers.gantry import Position
 from vision import Tip
 from vision.geometry import PoseMap
 
-SUSPECT_UM = 45.0
-"""A tip that stands so much higher in the picture than it was taught may be pushed in: two sigma of the stops' flex."""
-PUSHED_UM = 100.0
-"""So much is no flex any more: more than four sigma."""
+SUSPECT_UM = 55.0
+"""A tip that stands so much higher in the picture than it was taught may be pushed in: 2.4 sigma of the stops' flex."""
+PUSHED_UM = 80.0
+"""So much is a push, for a look that must move nothing and cannot ask further: 3.5 sigma."""
+NO_FLEX_UM = 120.0
+"""So much is no flex any more: five sigma."""
+ABOUT_UM = 5.0
 RISEN_UM = 20.0
 """A pin that was pushed in comes out by more than this when it is lifted where it stands."""
 
@@ -68,6 +71,8 @@ async def require_free(job: JobContext, context: StationContext, pose_map: PoseM
     up_um = pushed_um(context, look, pose_map)
     if look is None or not isinstance(look.tip, Tip) or up_um <= SUSPECT_UM:
         return
+    if look.position.z_um >= context.gantry.free_z_um - ABOUT_UM:
+        return  # no board is so high
     here, tip = look.position, look.tip
     above_um = max(context.gantry.free_z_um, here.z_um + context.gantry.surface_range_um)
     above = await go(replace(here, z_um=min(above_um, context.gantry.safe_z_um)))
@@ -78,7 +83,7 @@ async def require_free(job: JobContext, context: StationContext, pose_map: PoseM
     risen_um = pose_map.height_from_shift_um((tip.x_px - lifted.tip.x_px, tip.y_px - lifted.tip.y_px))
     if risen_um > RISEN_UM:
         raise _touching(risen_um)
-    if up_um > PUSHED_UM:
+    if up_um > NO_FLEX_UM:
         raise Fault(
             FaultCode.WRONG_HEIGHT,
             f"the tip stands {up_um:.0f} um higher in the picture than it was taught, lifted or not",

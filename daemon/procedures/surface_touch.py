@@ -110,7 +110,7 @@ class SurfaceSearch:
             there_px = await self._shift_px(above, z_um, free)
             grown_um = self._pushed_um(there_px) - pushed_um
             if pushed_um >= LEAST_PUSH_UM and grown_um >= LIKELY[0] * half_um:
-                self._found_z_um.append(z_um + pushed_um + grown_um)
+                self._found(above, z_um + pushed_um + grown_um)
                 return Push(replace(above, z_um=z_um), here_px, there_px)
             # A touch that noise made up does not grow as Z moves, and does not come twice.
             stuck = stuck + 1 if pushed_um >= LEAST_PUSH_UM else 0
@@ -144,6 +144,21 @@ class SurfaceSearch:
             f"down to {range_um:.0f} um below gantry.touch_z_um",
             advice="see that a board lies there; correct gantry.touch_z_um, or raise gantry.surface_range_um",
             pushed_um=round(pushed_um, 1),
+        )
+
+    def _found(self, above: Position, surface_z_um: float) -> None:
+        """Count the touch, and begin at the next place just above this one; a pin that was never free tells nothing."""
+        self._sequence.context.station.needle.touched()
+        if surface_z_um > above.z_um - 2 * LEAST_PUSH_UM:
+            raise self._never_free(above)
+        self._found_z_um.append(surface_z_um)
+
+    def _never_free(self, above: Position) -> Fault:
+        return Fault(
+            FaultCode.CALIBRATION_FAILED,
+            f"the surface at X {above.x_um / 1e3:.2f} mm, Y {above.y_um / 1e3:.2f} mm lies higher than "
+            f"{self._config.gantry.surface_range_um:.0f} um above gantry.touch_z_um: the pin was never free",
+            advice="see that nothing lies below the board; correct gantry.touch_z_um, or raise gantry.surface_range_um",
         )
 
     def _stuck(self, above: Position, pushed_um: float, share: float) -> Fault:

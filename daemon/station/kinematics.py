@@ -113,11 +113,15 @@ class Geometry:
         return self._gantry.work_z_um + height_um
 
     def up_z_um(self, position: Position) -> float:
-        """Return the least Z at which the needle is up: of looks over a place, nominal where nothing is measured."""
-        return self._gantry.work_z_um + (self.measured_um(self.tip_um(position)) or 0.0)
+        """Return Z from which on the needle counts as up; where nothing is known by the lower one of both guesses."""
+        tip_um = self.tip_um(position)
+        height_um = self.measured_um(tip_um)
+        if height_um is None:
+            height_um = min(0.0, max(self.height_um(tip_um), -self._gantry.surface_range_um))
+        return self._gantry.work_z_um + height_um
 
     def surface_z_um(self, position: Position) -> float:
-        """Return Z at which the needle meets the surface below it, nominal where nothing is measured."""
+        """Return Z at which the needle meets the surface below it, as far as is known."""
         return self._gantry.touch_z_um + (self.measured_um(self.tip_um(position)) or 0.0)
 
     def slow_z_um(self, position: Position) -> float:

@@ -122,10 +122,10 @@ class Station:
         moves sideways before the pin was seen free.
         """
         self._hardware.gantry.check(target)
-        if self._pressed is not None and not _straight(await self.position(caller), target):
-            await self.see_lifted(caller)
         if not self.needle.is_up:
             self.needle.refuse_sideways(self.needle.position or await self.position(caller), target)
+        if self._pressed is not None and not _straight(await self.position(caller), target):
+            await self.see_lifted(caller)
         with caller.watch.spend("motion"):
             return await self._move(target, caller.deadline, from_above, slow_z_um)
 

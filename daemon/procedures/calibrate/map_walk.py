@@ -59,6 +59,8 @@ class MapAcquisition:
         angle = self._context.calibrations.require_probe().angle_rad
         self._needle = np.array([math.cos(angle), math.sin(angle)])
         """Direction of the needle in the picture, towards its end."""
+        self._slow_um: float | None = None
+        """Z below which the needle may meet the surface: known once it hovered over the target and was free."""
         self._why_unseen = ""
         self.sightings: list[MapPoint] = []
 
@@ -90,6 +92,7 @@ class MapAcquisition:
                 advice="correct gantry.touch_z_um and work_z_um, or see that nothing lies below the board",
                 pushed_px=round(risen_px, 1),
             )
+        self._slow_um = self.over.z_um
 
     async def run(self) -> PoseMap:
         """MapAcquisition, see, fit; raise ValueError if that gives no map."""
@@ -148,7 +151,7 @@ class MapAcquisition:
 
     async def _not_lost(self, place: Position, offset_px: tuple[float, float], reach_px: float) -> Sighting:
         """Go there and see the target; raise ValueError if it is not seen."""
-        sighting = await self._see(await self._sequence.go(place), offset_px, reach_px)
+        sighting = await self._see(await self._sequence.go(place, slow_z_um=self._slow_um), offset_px, reach_px)
         if sighting is None:
             raise ValueError(f"{self._target.name} was lost while the needle was lifted beside it: {self._why_unseen}")
         return sighting
@@ -170,7 +173,7 @@ class MapAcquisition:
     async def _visit(self, offset_um: Array) -> Array | None:
         """Go to a place beside the target and log where it appears; None where needle or background hide it."""
         place = shifted(self.over, float(offset_um[0]), float(offset_um[1]))
-        sighting = await self._see(await self._sequence.go(place), (0.0, 0.0), self._reach_px)
+        sighting = await self._see(await self._sequence.go(place, slow_z_um=self._slow_um), (0.0, 0.0), self._reach_px)
         if sighting is None:
             return None
         at = sighting.position

@@ -201,10 +201,13 @@ class RotationRun:
 
     @property
     def _z_um(self) -> float:
-        """Z of every look: as far from the print as the map was made, or free of any, until its height is measured."""
+        """Z of every look: over the print as the map was made, or free of any until its height is measured.
+
+        Over a low print it is working height all the same: for the rest of the station the needle is down below it.
+        """
         gantry = self._context.gantry
         if self._touched:
-            return gantry.work_z_um + self.measured.card_height_um
+            return gantry.work_z_um + max(0.0, self.measured.card_height_um)
         return max(gantry.work_z_um, gantry.free_z_um)
 
     @property

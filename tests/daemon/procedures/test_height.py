@@ -12,7 +12,7 @@ import pytest
 
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.states import Event
-from daemon.procedures.height import PUSHED_UM, SUSPECT_UM
+from daemon.procedures.height import NO_FLEX_UM, PUSHED_UM, SUSPECT_UM
 from daemon.procedures.registry import PROCEDURES
 from daemon.storage.calibration_records import SurfaceRecord, Touch
 from tests.daemon.procedures.fake_station import BELOW_PX, HOVER_UM, WORK_Z_UM, Ran, World, a_board, begin, run
@@ -122,6 +122,8 @@ def _lift(world: World) -> None:
 @pytest.mark.parametrize("height_um", [-480.0, -80.0, 300.0])
 async def test_place_and_correct_follow_the_measured_surface(world: World, height_um: float) -> None:
     world.height_um = _raised(height_um)
+    world.put_beside("P00", (0.0, 0.0))
+    world.gantry.reported = world.gantry.actual = replace(world.gantry.actual, z_um=5_600.0)
     _measured(world, height_um)
     _lift(world)
     placed = await _run(world, PLACE)
@@ -188,12 +190,19 @@ async def test_a_flex_that_looks_like_a_push_is_looked_at_from_above_and_costs_n
 
 async def test_a_tip_that_stands_too_high_lifted_or_not_was_taught_elsewhere_or_z_is_stuck(world: World) -> None:
     _measured(world, 0.0)
-    flex = tuple(-(PUSHED_UM + 5.0) / HOVER_UM * np.array(BELOW_PX))
+    flex = tuple(-(NO_FLEX_UM + 5.0) / HOVER_UM * np.array(BELOW_PX))
     world.flex_px = lambda: flex
     world.put_beside("P11", (4.0, 0.0))
     fault = await _fault(world, CORRECT)
     assert fault.kind is FaultCode.WRONG_HEIGHT
     assert "lifted or not" in fault.message
+
+
+async def test_above_any_possible_board_a_flex_is_a_flex(world: World) -> None:
+    flex = tuple(-(NO_FLEX_UM + 5.0) / HOVER_UM * np.array(BELOW_PX))
+    world.flex_px = lambda: flex
+    world.put_tip(world.pad_um("P11") - (4.0, 0.0), z_um=5_600.0)
+    assert (await _run(world, CORRECT)).got.outcome == "already_on_target"
 
 
 async def test_a_tip_that_is_lost_when_a_suspect_is_lifted_is_said(world: World) -> None:
@@ -232,6 +241,7 @@ async def test_a_map_is_walked_where_the_needle_hovers(world: World, height_um: 
 
 async def test_a_map_over_a_measured_surface_is_walked_at_the_same_distance_from_it(world: World) -> None:
     world.height_um = _raised(300.0)
+    world.gantry.reported = world.gantry.actual = replace(world.gantry.actual, z_um=5_600.0)
     _measured(world, 300.0)
     _lift(world)
     await _run(world, {"op": "calibrate", "what": "map", "test_point": "P11"})
@@ -247,3 +257,10 @@ async def test_an_alignment_touches_no_board_whatever_was_measured_before(world:
     await _run(world, {"op": "align", "fiducials": names})
     assert {to.z_um for to, _ in world.gantry.moves} == {5_600.0}
     assert world.geometry.measured_um((80_000.0, 55_000.0)) is None, "another board may have been laid in"
+
+
+async def test_once_the_needle_hovered_free_over_its_mark_the_walk_is_not_slow(world: World) -> None:
+    await _run(world, {"op": "calibrate", "what": "map", "test_point": "P11"})
+    _first, down, *walk = world.gantry.slow_z_um
+    assert down == 5_500.0
+    assert set(walk) == {WORK_Z_UM}

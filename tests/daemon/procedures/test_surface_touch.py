@@ -23,6 +23,7 @@ from daemon.procedures.surface_touch import (
     card_height_um,
     heights_um,
 )
+from daemon.station.needle import Needle
 from drivers.errors import Stalled
 from drivers.gantry import Position
 from tests.daemon.procedures.fake_station import World, a_board, begin
@@ -157,6 +158,15 @@ async def test_where_no_surface_lies_within_the_range_the_place_is_told(world: W
     assert _depths(world)[-1] == 5_600.0
 
 
+@pytest.mark.parametrize("height_um", [600.0, 650.0, 700.0])
+async def test_a_surface_over_which_the_pin_was_never_free_gives_no_number(world: World, height_um: float) -> None:
+    world.height_um = lambda _x, _y: height_um
+    with pytest.raises(Fault, match="the pin was never free") as caught:
+        await _press(world)
+    assert caught.value.kind is FaultCode.CALIBRATION_FAILED
+    assert min(_depths(world)) > 5_000.0 + height_um - 300.0, "within the overtravel"
+
+
 async def test_a_shift_that_noise_makes_up_is_no_touch(world: World) -> None:
     """One look of a free pin is off by more than the least push; lower down it is not."""
     off_px = 1.5 * LEAST_PUSH_UM / 200.0 * np.array((4.0, 7.5))
@@ -254,9 +264,10 @@ async def test_after_a_touch_that_was_cut_short_the_lift_is_seen_before_the_next
     with pytest.raises(Stalled):
         await _press(world)
     looks, job = len(world.station.searches), begin({"op": "home"}).job
+    await world.station.retract(job.deadline)  # as every end of a job does
+    assert len(world.station.searches) == looks
     await world.station.go(shifted(place, dx_um=5_000.0), job)
     assert len(world.station.searches) == looks + 1
-    assert [to.z_um for to, _ in world.gantry.moves[-2:]] == [5_600.0, place.z_um], "straight up, then across"
     await world.station.go(place, job)
     assert len(world.station.searches) == looks + 1, "once seen it is known"
 
@@ -268,6 +279,7 @@ async def test_a_lift_that_cannot_be_seen_keeps_the_head_where_it_is_until_homin
         await _press(world)
     world.station.always = lambda seen: replace(seen, tip=NotFound(Reason.TOO_DARK, "dark"))
     job = begin({"op": "home"}).job
+    await world.station.retract(job.deadline)
     with pytest.raises(Fault) as caught:
         await world.station.go(shifted(place, dx_um=5_000.0), job)
     assert caught.value.kind is FaultCode.TIP_NOT_FOUND
@@ -301,3 +313,19 @@ async def test_where_nothing_may_be_pressed_the_paper_counts_as_flat(
     assert await card_height_um(sequence, exact_map(), world.gantry.reported) == pytest.approx(0.0, abs=0.01)
     await sequence.job.settle()
     assert bool(world.gantry.moves) is touched
+
+
+@pytest.mark.parametrize("height_um", [-300.0, 0.0, 300.0])
+async def test_each_touched_place_is_counted_once_wherever_the_surface_lies(world: World, height_um: float) -> None:
+    touches: list[None] = []
+    world.station.needle = Needle(on_touch=lambda: touches.append(None))
+    world.station.needle.adopt(world.geometry.up_z_um, world.geometry.surface_z_um)
+    world.height_um = lambda _x, _y: height_um
+    sequence, place = _sequence(world), replace(world.gantry.reported, z_um=5_600.0)
+    world.gantry.reported = world.gantry.actual = place
+    world.station.needle.reported(place)
+    search = SurfaceSearch(sequence, exact_map())
+    for n in range(3):
+        await search.press(shifted(place, dx_um=3_000.0 * n))
+    await sequence.job.settle()
+    assert len(touches) == 3
