@@ -118,7 +118,10 @@ class Client:
                         f"{self._endpoint} does not take this key; `reprobe keys list` shows who may come in"
                     )
         if failed:
-            raise NotLetIn(f"{self._endpoint} speaks with other keys: give the file `reprobe keys new` wrote")
+            raise NotLetIn(
+                f"{self._endpoint} speaks with other keys: give the file `reprobe keys new` wrote; "
+                "or too many clients are connected"
+            )
         raise NoAnswer(f"no answer from {self._endpoint} in time; is the daemon running?")
 
     def _connect(self) -> None:

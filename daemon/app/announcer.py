@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from functools import partial
+from typing import Any
 
 import structlog
 
@@ -41,6 +43,8 @@ class Announcer:
         self._publisher, self._journal = publisher, journal
         self._status_line, self._notifier = status_line, notifier
         self._station, self._version = station, version
+        self._left: list[tuple[str, str]] | None = None
+        """Jobs that were cut off and have no result yet; None until the journal was asked."""
 
     def on_change(self, change: StateChange) -> None:
         """Publish a transition, log it, and bring the status line up to date."""
@@ -61,7 +65,7 @@ class Announcer:
     async def beat(self, state: Callable[[], State], every_s: Callable[[], float]) -> None:
         """Publish the heartbeat until cancelled."""
         while True:
-            await self._reserve_seqs()
+            await self._journal.reserve_seqs()
             self._publisher.publish("heartbeat", {"state": state().value, "version": self._version})
             await asyncio.sleep(every_s())
 
@@ -72,29 +76,29 @@ class Announcer:
             return
         self._status_line.note(RELOADED[what].format(problems=_some(facts.get("problems"))))
         self._notifier.ready(self._status_line.line())
-        await self._reserve_seqs()
+        await self._journal.reserve_seqs()
         self._publisher.publish("log", {"event": f"configuration_{what}", **facts})
 
-    async def _reserve_seqs(self) -> None:
-        """Reserve event numbers; a full disk is told by the jobs and must not end the daemon.
-
-        Half a block is left when this fails for the first time: enough for an hour in which no job runs.
-        """
-        try:
-            await self._journal.reserve_seqs()
-        except Fault as disk:
-            log.error("event_numbers_not_reserved", error=disk.message)
-
     async def report_interrupted(self) -> None:
-        """Give each job that a crash or a kill cut off its result: a fault; nothing moves."""
-        for job_id, op in await self._journal.unfinished():
-            error = ErrorBody.of(Fault(FaultCode.INTERRUPTED))
-            result = JobResult(
-                id=job_id, op=op, ok=False, seq=self._journal.take_seq(), station=self._station,
-                finished_at=utc_now(), outcome="failed", error=error,
-            )  # fmt: skip
-            await self._journal.finish_job(result)
-            self._publisher.publish("result", result.model_dump(mode="json"), seq=result.seq)
+        """Give each job that a crash or a kill cut off its result: a fault; nothing moves.
+
+        Raises `Fault` if the journal cannot be written. Once it has come to its end, calling it again does nothing:
+        what has no result from then on is this daemon's own.
+        """
+        if self._left is None:
+            self._left = await self._journal.unfinished()
+        while self._left:
+            job_id, op = self._left[0]
+            await self._publisher.publish_written("result", partial(self._interrupt, job_id, op))
+            self._left.pop(0)
+
+    async def _interrupt(self, job_id: str, op: str, seq: int) -> dict[str, Any]:
+        result = JobResult(
+            id=job_id, op=op, ok=False, seq=seq, station=self._station, finished_at=utc_now(), outcome="failed",
+            error=ErrorBody.of(Fault(FaultCode.INTERRUPTED)),
+        )  # fmt: skip
+        await self._journal.finish_job(result)
+        return result.model_dump(mode="json")
 
 
 def _some(problems: object) -> str:

@@ -8,9 +8,11 @@ from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
+import structlog
 import zmq.asyncio
 
 from daemon.app.announcer import Announcer
+from daemon.app.journal_watch import JournalWatch
 from daemon.app.supervisor import StationSupervisor
 from daemon.app.touch_counter import TouchCounter
 from daemon.config.current import CurrentSettings
@@ -39,6 +41,7 @@ from daemon.telemetry.status_line import StatusLine
 from daemon.telemetry.vitals import VitalsReader
 
 LINGER_MS = 200
+log = structlog.get_logger(__name__)
 
 
 @dataclass(frozen=True)
@@ -56,6 +59,7 @@ class Runtime:
     runner: JobRunner
     status_line: StatusLine
     announcer: Announcer
+    journal_watch: JournalWatch
     control: ControlSocket
     reloader: Reloader
 
@@ -105,6 +109,10 @@ async def put_together(config: Config, path: Path | None, stack: AsyncExitStack)
     )
     base.latch.subscribe(announcer.on_change)
     work = _make_work(base)
+    journal_watch = JournalWatch(
+        base.journal, base.latch, work.monitor,
+        announcer.report_interrupted, work.monitor.load, work.runner.write_held_back,
+    )  # fmt: skip
     control = _make_control(base, work, stack)
     stack.push_async_callback(work.supervisor.release)
     reloader = Reloader(
@@ -116,7 +124,7 @@ async def put_together(config: Config, path: Path | None, stack: AsyncExitStack)
     )
     return Runtime(
         base.settings, base.notifier, base.metrics, base.journal, base.latch, base.watchdog, work.supervisor,
-        work.monitor, work.runner, base.status_line, announcer, control, reloader,
+        work.monitor, work.runner, base.status_line, announcer, journal_watch, control, reloader,
     )  # fmt: skip
 
 
@@ -155,6 +163,7 @@ def _make_work(base: _Base) -> _Work:
             publisher=base.sockets.events, images=images, procedures=PROCEDURES, context=supervisor.context,
             limits=lambda: _limits(settings.config), observer=monitor,
             watchdog=base.watchdog, on_result=base.status_line.on_result,
+            refusal=base.sockets.authenticator.refusal,
         )
     )  # fmt: skip
     return _Work(calibrations, images, supervisor, monitor, runner)
@@ -167,7 +176,7 @@ def _make_control(base: _Base, work: _Work, stack: AsyncExitStack) -> ControlSoc
         base.latch, lambda: work.runner.queued, work.calibrations, lambda: work.supervisor.hardware,
         config.station.data_dir,
     )  # fmt: skip
-    _serve_metrics(base.metrics, vitals, config.metrics.port, stack)
+    _serve_metrics(base, vitals, config.metrics.port, stack)
     handlers = Handlers(
         Collaborators(
             settings=base.settings, latch=base.latch, runner=work.runner, reset=work.supervisor.reset,
@@ -204,11 +213,20 @@ def _open_sockets(config: Config, journal: Journal, metrics: Metrics, stack: Asy
     return _Sockets(context, authenticator, events)
 
 
-def _serve_metrics(metrics: Metrics, vitals: VitalsReader, port: int, stack: AsyncExitStack) -> None:
-    metrics.watch(vitals.read)
-    if port:
-        metrics.serve(port)
-        stack.callback(metrics.close)
+def _serve_metrics(base: _Base, vitals: VitalsReader, port: int, stack: AsyncExitStack) -> None:
+    """Serve metrics if they are wanted; a port that is in use is told, and keeps no station from its work."""
+    base.metrics.watch(vitals.read)
+    if not port:
+        return
+    try:
+        base.metrics.serve(port)
+    except (OSError, RuntimeError) as exc:
+        facts = {"port": port, "error": str(exc), "advice": "free the port or choose another, then restart"}
+        log.error("metrics_not_served", **facts)
+        base.sockets.events.publish("log", {"event": "metrics_not_served", **facts})
+        base.status_line.note(f"no metrics: port {port} cannot be served")
+        return
+    stack.callback(base.metrics.close)
 
 
 def _limits(config: Config) -> JobLimits:

@@ -7,7 +7,9 @@ missing does not end the daemon: it says what is missing, answers, and tries aga
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import signal
+from collections.abc import Callable, Coroutine
 from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import Any
@@ -17,9 +19,15 @@ import structlog
 from daemon.app.housekeeping import keep_house
 from daemon.app.runtime import Runtime, put_together
 from daemon.config.model import Config
+from daemon.domain.errors import Fault
+from daemon.domain.results import JobResult
+from daemon.platform.descriptors import raise_limit
 from daemon.platform.memory import few_arenas
+from daemon.storage.journal import Journal
 from vision.warm import warm_up
 
+AGAIN_S = 30.0
+"""Pause before a part that failed is started again."""
 log = structlog.get_logger(__name__)
 
 
@@ -39,6 +47,7 @@ class Service:
     async def run(self) -> None:
         """Serve until told to stop; whatever was opened is closed again, in the opposite order."""
         few_arenas()
+        raise_limit()
         async with AsyncExitStack() as stack:
             runtime = await put_together(self._config, self._path, stack)
             loop = asyncio.get_running_loop()
@@ -50,9 +59,7 @@ class Service:
 
     async def _serve(self, runtime: Runtime) -> None:
         """Report what a stop interrupted, open the devices, then run everything until told to stop."""
-        await runtime.journal.reserve_seqs()
-        await runtime.announcer.report_interrupted()
-        await runtime.monitor.load()
+        await runtime.journal_watch.look()
         for alert in runtime.monitor.alerts.standing.values():
             runtime.metrics.take("alert", alert.body("raised"))
         answering = asyncio.create_task(runtime.control.serve(), name="control")
@@ -68,6 +75,8 @@ class Service:
             task.cancel()
         await asyncio.wait([working, *background])
         await runtime.runner.refuse_waiting()
+        with contextlib.suppress(Fault):  # what cannot be written even now is `interrupted` for the next daemon
+            await runtime.runner.write_held_back()
         await runtime.monitor.close()
         await runtime.control.drain(within_s=1.0)
         answering.cancel()
@@ -83,17 +92,39 @@ def _background(runtime: Runtime) -> list[asyncio.Task[None]]:
     beat = runtime.announcer.beat(lambda: latch.state, lambda: settings.config.api.heartbeat_s)
     return [
         asyncio.create_task(beat, name="heartbeat"),
+        asyncio.create_task(runtime.journal_watch.run(), name="journal"),
         asyncio.create_task(runtime.supervisor.run(), name="supervise"),
         asyncio.create_task(runtime.reloader.run(busy=lambda: latch.running is not None), name="reload"),
-        asyncio.create_task(keep_house(latch, runtime.metrics), name="housekeeping"),
-        asyncio.create_task(runtime.monitor.run(), name="maintenance"),
+        asyncio.create_task(_lasting("housekeeping", lambda: keep_house(latch, runtime.metrics)), name="housekeeping"),
+        asyncio.create_task(_lasting("maintenance", runtime.monitor.run), name="maintenance"),
     ]
+
+
+async def _lasting(part: str, run: Callable[[], Coroutine[Any, Any, None]]) -> None:
+    """Run a part that nothing needs to move safely; an error of its own starts it again and ends no daemon."""
+    while True:
+        try:
+            return await run()
+        except Exception:
+            log.exception("part_failed", part=part, again_in_s=AGAIN_S)
+            await asyncio.sleep(AGAIN_S)
 
 
 async def _open_and_work(runtime: Runtime) -> None:
     await runtime.supervisor.open()
-    runtime.status_line.ready(await runtime.journal.last_result())
+    runtime.status_line.ready(await _last_result(runtime.journal))
     # Jobs come after: the first one would have to wait for it anyway.
-    await asyncio.to_thread(warm_up)
+    try:
+        await asyncio.to_thread(warm_up)
+    except Exception:
+        log.exception("part_failed", part="warming up")  # the first look takes longer, and that is all
     await runtime.supervisor.first_check(runtime.watchdog)
     await runtime.runner.run()
+
+
+async def _last_result(journal: Journal) -> JobResult | None:
+    """Return the newest result, None if there is none or the journal cannot be read."""
+    try:
+        return await journal.last_result()
+    except Fault:
+        return None

@@ -23,6 +23,8 @@ from daemon.jobs.fault_latch import AXES, FaultLatch
 from daemon.jobs.runner import EXCLUSIVE_WITHIN_S
 from daemon.jobs.station_lock import StationLock
 from daemon.jobs.watchdog import Watchdog
+from daemon.station.conditions import conditions_of
+from daemon.station.darkness import require_dark
 from daemon.station.device_errors import as_fault
 from daemon.station.devices import Hardware
 from daemon.station.kinematics import Geometry
@@ -32,15 +34,19 @@ from daemon.station.station import Station
 from daemon.storage.calibration_store import Calibrations
 from daemon.storage.journal import Journal
 from drivers.deadline import Deadline
-from drivers.errors import DeviceError
+from drivers.errors import CameraError, DeadlinePassed, DeviceError, LinkTimeout
 
 OPEN_WITHIN_S = 20.0
 FRAME_WITHIN_S = 8.0
-"""What a camera that was lost may take to come back, once its cause is gone."""
+"""What a camera that is opened again may take until its first picture."""
+FRESH_WITHIN_S = 1.5
+"""What a camera that is well may take at most for a picture."""
+LOOK_EVERY_S = 20.0
+"""At rest a picture is looked at this often, and once after every job that took some: both lamps are off."""
 ASK_AGAIN_S = 0.1
 """How often a reset that waits looks whether a job has begun before it."""
-CHECK_EVERY_S = 2.0
-CHECK_WITHIN_S = 2.0
+STOP_AGAIN_S = 0.1
+"""Pause between two tries to stop what may still run."""
 DOUBT = "reference_doubt"
 """Name under which the journal keeps the axes in doubt: a kill must not make anybody believe their drives."""
 OpenDevices = Callable[[Config, Deadline], Awaitable[Hardware]]
@@ -67,6 +73,9 @@ class StationSupervisor:
         """Where the needle is, as far as the drives have told since the daemon started."""
         self._hardware: Hardware | None = None
         self._context: StationContext | None = None
+        self._seen = -1
+        """How many pictures the camera had delivered when one was looked at last."""
+        self._look_again_s = 0.0
 
     @property
     def hardware(self) -> Hardware | None:
@@ -79,21 +88,37 @@ class StationSupervisor:
 
     def refresh_context(self) -> None:
         """Lay out what jobs work with by the settings in force."""
-        if self._hardware is None:
-            return
+        self._fit_calibrations()
+        if self._hardware is not None:
+            self._lay_out(self._hardware)
+
+    def _lay_out(self, hardware: Hardware) -> None:
         config, board = self._settings.config, self._settings.board
         geometry = Geometry(config, board, self._calibrations)
-        station = Station(config, self._hardware, self.needle)
+        station = Station(config, hardware, self.needle)
+        self.needle.adopt(geometry.up_z_um, geometry.surface_z_um)
         self._context = StationContext(config, station, board, self._calibrations, geometry)
+
+    def _fit_calibrations(self) -> None:
+        """Read what was measured for just these settings; of the rest it is said why it is not used."""
+        self._calibrations.fit_to(conditions_of(self._settings.config, self._settings.board))
 
     # --- opening and reset -----------------------------------------------------------------------------------
 
     async def open(self) -> None:
         """Open the devices for the first time; what keeps the station closed becomes its fault."""
-        kept = await self._journal.kept(DOUBT)
-        self._latch.doubt(axis for axis in AXES if kept is not None and axis in kept.get("axes", ()))
+        self._latch.doubt(await self._kept_doubts())
         await self.reset()
         self._latch.opened()
+
+    async def _kept_doubts(self) -> list[str]:
+        """Return the axes that were in doubt when the daemon before this one ended; all, if nobody can read that."""
+        try:
+            kept = await self._journal.kept(DOUBT) or {}
+        except Fault as exc:
+            log.error("doubts_not_read", error=exc.message)
+            return list(AXES)
+        return [axis for axis in AXES if axis in kept.get("axes", ())]
 
     async def reset(self) -> Fault | None:
         """Open what is not open, clear what the drives hold, and clear the faults latched so far if nothing is wrong.
@@ -133,11 +158,13 @@ class StationSupervisor:
 
         What needs a person is asked last: `not_homed` means that everything else is well.
         """
+        trouble = await self._journal.mend()
         deadline = Deadline.after(OPEN_WITHIN_S)
         if self._hardware is None:
             fit = await self._open(deadline)
         else:
             fit = False
+            self._fit_calibrations()
             if await self._hardware.in_trouble(deadline):
                 self._latch.doubt(AXES)
             await self._settle_doubts(self._hardware, deadline)
@@ -147,12 +174,14 @@ class StationSupervisor:
         await self._settle_doubts(hardware, deadline)
         if not fit:
             await hardware.check_health(deadline)
-        for cause in taken:
-            await self._check_cause(cause, hardware)
+            await self._see(hardware)
         if not await hardware.gantry.homed(deadline):
             self.needle.forget()
             raise Fault(FaultCode.NOT_HOMED)
         await self._require_needle_up(taken, deadline)
+        # Behind all that speaks against moving: the journal's trouble may be over at any time, by itself.
+        if trouble is not None:
+            raise trouble
 
     async def _require_needle_up(self, taken: tuple[Fault, ...], deadline: Deadline) -> None:
         """Raise if the needle is down, or was and nobody has raised it since; nothing moves here."""
@@ -165,21 +194,26 @@ class StationSupervisor:
 
     async def _open(self, deadline: Deadline) -> bool:
         """Open the devices; return whether the drives' self-test found them fit."""
-        self._calibrations.load()
+        self._fit_calibrations()
         self._hardware = hardware = await self._open_devices(self._settings.config, deadline)
-        self.refresh_context()
+        self._lay_out(hardware)
         log.info("station_open", camera=dict(hardware.camera.settings()))
         return all(axis.fit for axis in hardware.found.values())
 
-    async def _check_cause(self, cause: Fault, hardware: Hardware) -> None:
-        """Raise if the cause of a fault is still there that the drives know nothing of."""
-        match cause.kind:
-            case FaultCode.CAMERA_FAILED:
-                await hardware.camera.frame_after(time.monotonic(), Deadline.after(FRAME_WITHIN_S))
-            case FaultCode.JOURNAL_FAILED:
-                await self._journal.try_room()
-            case _:
-                pass
+    async def _see(self, hardware: Hardware) -> None:
+        """Raise unless a fresh picture comes, and it is dark; a camera that gives none is opened again first.
+
+        Whatever was latched: a camera may have failed since without anybody having asked it for a picture.
+        """
+        limit = self._settings.config.lights.dark_level
+        try:
+            await require_dark(hardware, limit, Deadline.after(FRESH_WITHIN_S))
+        except CameraError as exc:
+            log.warning("camera_opened_again", error=str(exc))
+            await hardware.camera.close()
+            await hardware.camera.open(Deadline.after(FRAME_WITHIN_S))
+            await require_dark(hardware, limit, Deadline.after(FRAME_WITHIN_S))
+        self._looked(hardware)
 
     async def _settle_doubts(self, hardware: Hardware, deadline: Deadline) -> None:
         """Take the reference from every axis in doubt; one that is known to have lost it is in doubt no longer."""
@@ -201,7 +235,27 @@ class StationSupervisor:
     # --- while nothing runs ----------------------------------------------------------------------------------
 
     async def run(self) -> None:
-        """Look after the drives until cancelled: an e-stop or a pulled cable is noticed before the next job."""
+        """Look after the drives until cancelled.
+
+        An e-stop or a pulled cable is noticed before the next job, and what a lost stop left running is stopped as soon
+        as its drive answers, in every state of the station.
+        """
+        async with asyncio.TaskGroup() as group:
+            group.create_task(self._stop_what_may_run())
+            group.create_task(self._look_after())
+
+    async def _stop_what_may_run(self) -> None:
+        """Repeat every stop that was not confirmed; a move that begins does that by itself."""
+        while True:
+            await asyncio.sleep(STOP_AGAIN_S)
+            gantry = self._hardware.gantry if self._hardware is not None else None
+            if gantry is None or gantry.moving or not gantry.unstopped:
+                continue
+            before = gantry.unstopped
+            await gantry.stop_again()
+            log.warning("stopped_late", axes=[axis for axis in before if axis not in gantry.unstopped])
+
+    async def _look_after(self) -> None:
         while True:
             await self._rest()
             if self._hardware is None or self._lock.holder is not None:
@@ -209,27 +263,77 @@ class StationSupervisor:
             async with self._lock.hold("health check"):
                 if self._latch.state is State.IDLE:
                     await self._check_health()
-                else:
-                    await self._stop_what_runs(self._hardware)
+                elif self._latch.doubtful:
+                    await self._forget_homing(self._hardware)
+            await self._check_darkness()
 
     async def _rest(self) -> None:
         """Wait for the next check, or for an axis that came into doubt: that is written down at once."""
         with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(CHECK_EVERY_S):
+            async with asyncio.timeout(self._settings.config.maintenance.idle_check_s):
                 await self._latch.doubt_changed.wait()
                 self._latch.doubt_changed.clear()
                 await asyncio.shield(self._keep_doubts())
 
     async def _check_health(self) -> None:
         """Ask the drives how they are; what they report becomes the station's fault. The lock is held."""
-        if self._hardware is None:
+        hardware = self._hardware
+        if hardware is None:
             return
+        missing = hardware.missing_answers
         try:
-            await self._hardware.check_health(Deadline.after(CHECK_WITHIN_S))
+            await hardware.check_health(self._check_deadline(hardware))
+        except DeadlinePassed as exc:
+            missing = hardware.missing_answers - missing
+            if not missing:
+                # Every answer came: what is slow is this computer, and the drives are asked again soon
+                log.warning("idle_check_late", cause=str(exc))
+                return
+            self._lose(
+                LinkTimeout(f"{missing} answers were missing, and no time was left to ask again", device=exc.device)
+            )
         except Exception as exc:  # noqa: BLE001  # whatever the drives report becomes the station's fault
-            fault = _latched(as_fault(exc))
-            log.error("station_lost", error=fault.message)
-            self._latch.latch(fault)
+            self._lose(exc)
+
+    def _check_deadline(self, hardware: Hardware) -> Deadline:
+        """Return by when a check has to be over, on lines of this speed."""
+        return Deadline.after(self._settings.config.maintenance.idle_check_within_s + hardware.check_line_s)
+
+    def _lose(self, error: Exception) -> None:
+        """Latch what a check found."""
+        fault = _latched(as_fault(error))
+        log.error("station_lost", error=fault.message)
+        self._latch.latch(fault)
+
+    async def _check_darkness(self) -> None:
+        """Look whether a lamp shines at rest, if it is time to; that becomes the station's fault.
+
+        The lock is not held: no job waits for a picture of ours. What a job does meanwhile makes the picture void.
+        """
+        hardware = self._hardware
+        if hardware is None or not self._at_rest() or not self._time_to_look(hardware):
+            return
+        seen = hardware.camera.statistics().delivered
+        self._looked(hardware)
+        try:
+            await require_dark(hardware, self._settings.config.lights.dark_level, Deadline.after(FRESH_WITHIN_S))
+        except CameraError as exc:
+            log.debug("darkness_not_seen", error=str(exc))
+        except Exception as exc:  # noqa: BLE001  # whatever the picture tells becomes the station's fault
+            if self._at_rest() and hardware.camera.statistics().delivered == seen + 1:
+                fault = _latched(as_fault(exc))
+                log.error("light_at_rest", error=fault.message)
+                self._latch.latch(fault)
+        self._looked(hardware)
+
+    def _at_rest(self) -> bool:
+        return self._lock.holder is None and self._latch.state is State.IDLE
+
+    def _time_to_look(self, hardware: Hardware) -> bool:
+        return hardware.camera.statistics().delivered != self._seen or time.monotonic() >= self._look_again_s
+
+    def _looked(self, hardware: Hardware) -> None:
+        self._seen, self._look_again_s = hardware.camera.statistics().delivered, time.monotonic() + LOOK_EVERY_S
 
     async def first_check(self, watchdog: Watchdog) -> None:
         """Ask the drives once all is up: what the self-test of the start left out is read now.
@@ -239,20 +343,12 @@ class StationSupervisor:
         waiting = watchdog.patience(EXCLUSIVE_WITHIN_S, lambda: self._lock.turns)
         async with self._lock.hold("health check", every_s=watchdog.every_s, still_waiting=waiting):
             await self._check_health()
-
-    async def _stop_what_runs(self, hardware: Hardware) -> None:
-        """Stop a drive that could not be told to when its job failed, and write the doubts, as soon as they answer."""
-        try:
-            await hardware.gantry.halt_unstopped()
-        except DeviceError as exc:
-            log.error("axis_may_still_run", error=str(exc))
-        if self._latch.doubtful:
-            await self._forget_homing(hardware)
+        await self._check_darkness()
 
     async def _forget_homing(self, hardware: Hardware) -> None:
         """Write the doubt into the drives as soon as they answer."""
         try:
-            await self._settle_doubts(hardware, Deadline.after(CHECK_WITHIN_S))
+            await self._settle_doubts(hardware, self._check_deadline(hardware))
         except DeviceError as exc:
             log.debug("homing_not_forgotten_yet", error=str(exc))
 

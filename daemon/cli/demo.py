@@ -26,6 +26,8 @@ from daemon.tools.demo.session import LIMIT_UM, Landing, Session, SetUpError, ch
 from daemon.tools.demo.settings import Places, write_settings
 
 app = typer.Typer()
+MARK = ".reprobe-demo"
+"""File that tells a folder of a demonstration from every other."""
 ROTATION_ANGLES = 24
 """Enough for a smooth model of the head."""
 
@@ -57,7 +59,7 @@ def demo(
         )
     # Ended from outside, it still ends the processes it started.
     signal.signal(signal.SIGTERM, _ENDING.ask)
-    output.mkdir(parents=True, exist_ok=True)
+    _claim(output)
     (output / "board.json").write_text(read.model_dump_json(indent=1))
     try:
         with tempfile.TemporaryDirectory(prefix="reprobe-") as sockets:
@@ -69,6 +71,27 @@ def demo(
     err.print(f"report: {report}", highlight=False, soft_wrap=True)
     if len(landings) < len(chosen) or not all(landing.good for landing in landings):
         raise typer.Exit(FAILED)
+
+
+def _claim(folder: Path) -> None:
+    """Make the folder, or take one that an earlier demonstration made; refuse every other that has something in it.
+
+    What an earlier demonstration left there is deleted: in a station's own folder that would be its journal.
+    """
+    mark = folder / MARK
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        foreign = not mark.is_file() and any(folder.iterdir())
+        if not foreign:
+            mark.write_text("Made by `reprobe demo`, which deletes what it finds here.\n")
+    except OSError as exc:
+        fail(f"{folder} cannot be used: {exc.strerror}", code=USAGE)
+    if foreign or (folder / "station").is_symlink():
+        fail(
+            f"{folder} was not made by `reprobe demo`, and nothing in it is touched",
+            advice="choose a new folder with -o, or remove this one if nothing in it is wanted",
+            code=USAGE,
+        )
 
 
 def _own_board() -> Path:

@@ -2,11 +2,34 @@
 
 from __future__ import annotations
 
+import unicodedata
 from typing import Any
 
 from rich.markup import escape
 
 from daemon.domain.results import JobResult
+
+HIDDEN = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
+"""Unicode's kinds of letters that show nothing: controls, formats, halves of pairs, ends of lines and paragraphs."""
+
+
+def visible(text: str) -> str:
+    """Return a text with its control characters written out, but for line ends and tabs.
+
+    Names of jobs and messages come from others: sent to a terminal as they are, they could move its cursor, change what
+    stands there, or hide, as letters do that turn the direction of writing.
+    """
+    return "".join(c if c in "\n\t" or unicodedata.category(c) not in HIDDEN else _written(c) for c in text)
+
+
+def one_line(text: str) -> str:
+    """Return a text in one visible line."""
+    return visible(text).replace("\n", "\\n").replace("\t", "\\t")
+
+
+def _written(character: str) -> str:
+    code = ord(character)
+    return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
 
 
 def result_of(event: dict[str, Any]) -> JobResult:

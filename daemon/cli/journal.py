@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
+import unicodedata
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
@@ -16,6 +17,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from daemon.cli.config_file import ConfigFile, load
+from daemon.cli.formatting import one_line
 from daemon.cli.job_page import pictures_of, write_job_page
 from daemon.cli.output import FAILED, USAGE, AsJson, err, fail, out, say_json
 from daemon.platform.atomic_file import replace_whole
@@ -32,6 +34,9 @@ COLUMNS = (
     "id", "op", "received_at", "finished_at", "ok", "outcome", "test_point", "error_before_um", "error_after_um",
     "looks", "moves", "seconds", "error_code", "error_name", "error_message", "pictures",
 )  # fmt: skip
+FORMULA = ("=", "+", "-", "@")
+UNSEEN = "".join(map(chr, range(33))) + "\x7f\xa0\ufeff\u200b"
+"""Letters before a formula that some spreadsheets pass over."""
 _SPAN = re.compile(r"(\d+(?:\.\d+)?)([smhd])")
 _UNIT_S = {"s": 1, "m": 60, "h": 3600, "d": 86400}
 
@@ -145,7 +150,10 @@ def _write_csv(path: Path, jobs: Iterator[JobRow]) -> None:
 
 def _plain(value: Any) -> Any:
     """Return a cell that no spreadsheet takes for a formula: texts come from those who named the jobs."""
-    return f"'{value}" if isinstance(value, str) and value[:1] in ("=", "+", "-", "@", "\t", "\r") else value
+    if not isinstance(value, str):
+        return value
+    begins = unicodedata.normalize("NFKC", value).lstrip(UNSEEN)[:1]
+    return f"'{value}" if begins in FORMULA or value[:1] in ("\t", "\r", "\n") else value
 
 
 def write_jsonl(path: Path, journal: JournalReader, jobs: Iterator[JobRow]) -> None:
@@ -161,19 +169,21 @@ def _cells(row: JobRow) -> list[str]:
     colour = "yellow" if row.ok is None else "green" if row.ok else "red"
     numbers = ["" if line[name] is None else f"{line[name]:.1f}" for name in COLUMNS[7:9]]
     return [
-        row.received_at[:19], escape(row.id), row.op, line["test_point"] or "", f"[{colour}]{outcome}[/]", *numbers,
-        "" if row.seconds is None else f"{row.seconds:.2f}",
+        row.received_at[:19], escape(one_line(row.id)), row.op, line["test_point"] or "", f"[{colour}]{outcome}[/]",
+        *numbers, "" if row.seconds is None else f"{row.seconds:.2f}",
     ]  # fmt: skip
 
 
 def _tell(row: JobRow, steps: list[Step]) -> None:
     """Print one job for people."""
-    out.print(f"[bold]{row.op}[/] {escape(row.id)}, received {row.received_at}", highlight=False)
+    out.print(f"[bold]{row.op}[/] {escape(one_line(row.id))}, received {row.received_at}", highlight=False)
     begun = datetime.fromisoformat(row.received_at)
     for step in steps:
         after_s = (datetime.fromisoformat(step.at) - begun).total_seconds()
         numbers = ", ".join(f"{name} {value}" for name, value in step.body.items())
-        out.print(f"  {after_s:8.3f} s  [bold]{step.kind:<5}[/] {escape(numbers)}", highlight=False, soft_wrap=True)
+        out.print(
+            f"  {after_s:8.3f} s  [bold]{step.kind:<5}[/] {escape(one_line(numbers))}", highlight=False, soft_wrap=True
+        )
     if row.result is None:
         out.print("[yellow]no result yet[/]")
         return

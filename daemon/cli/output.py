@@ -10,14 +10,26 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 from rich.console import Console
+from rich.text import Text
 
+from daemon.cli.formatting import visible
 from daemon.client import DEFAULT_CONTROL, NoAnswer, NotLetIn, Refused
 from daemon.wire.curve_keys import KeyTrouble
 
 WIDE = 130
 """Columns of tables that are written to a file or a pipe."""
-out = Console(width=None if sys.stdout.isatty() else WIDE)
-err = Console(stderr=True)
+
+
+class VisibleConsole(Console):
+    """A console on which control characters of a text are written out; colours come by markup alone."""
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """Render a text, also one inside of a table."""
+        return super().render_str(visible(text), **options)
+
+
+out = VisibleConsole(width=None if sys.stdout.isatty() else WIDE)
+err = VisibleConsole(stderr=True)
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for machines.")]
 Endpoint = Annotated[str, typer.Option(help="Control socket of the daemon.", envvar="REPROBE_CONTROL")]

@@ -16,13 +16,19 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from daemon.config.watch_names import is_known
 from daemon.domain.roles import Role
+from daemon.platform.plain_file import read_small
 from vision.geometry import Rigid2
 from vision.head import CircleHead
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+CLEAR_UM = 100.0
+"""Between the needle and the highest possible surface."""
 LOOPBACK = re.compile(r"ipc://.+|tcp://(127(\.\d{1,3}){3}|\[::1\]|localhost):(\d+|\*)")
+
+MOST_BYTES, LONGEST_LINE = 250_000, 1_000
+"""A key of many dots costs the parser the square of their number: one of 50,000 takes minutes."""
 
 
 class ConfigError(Exception):
@@ -62,6 +68,7 @@ class BusSection(Section):
     framing: Literal["rtu", "tcp"] = Field(default="rtu", description="with a host: RTU frames over TCP, or Modbus TCP")
     timeout_ms: float = Field(default=200.0, ge=10, le=5000, description="longest wait for one reply")
     gap_ms: float = Field(default=3.0, ge=0, le=100, description="silence before the next request (manual: 3 ms)")
+    local_echo: bool = Field(default=False, description="the adapter hears itself: its echo is taken off each reply")
 
     @model_validator(mode="after")
     def _one_way(self) -> Self:
@@ -95,6 +102,22 @@ class AxisSection(Section):
         default="auto", description="auto: found at start, nothing moves"
     )
     object_access: ObjectAccessSection | None = Field(default=None, description="none: found at start, nothing moves")
+    vendor_id: int = Field(default=0x26C, ge=0, le=0xFFFF_FFFF, description="1018h:01; another one is refused at start")
+    motor_mode: int | None = Field(
+        default=None, ge=0, le=0xFFFF, description="3202h as it has to be; none: anything that can be a motor mode"
+    )
+    switch_inputs: int | None = Field(
+        default=None,
+        ge=0,
+        le=0xFFFF_FFFF,
+        description="3240h:01, written at start; bit 0 negative limit, 1 positive limit, 2 home; none: left as it is",
+    )
+    state_timeout_ms: float = Field(
+        default=500.0, ge=50, le=10_000, description="longest wait for one change of state, mode or set-point"
+    )
+    stall_ms: float = Field(
+        default=2000.0, ge=100, le=60_000, description="standing still this long short of the target is a stall"
+    )
 
     @model_validator(mode="after")
     def _sane(self) -> Self:
@@ -118,13 +141,20 @@ class GantrySection(Section):
     """How the four axes move as one machine."""
 
     safe_z_um: Finite = Field(description="height at which the head may move sideways")
-    work_z_um: Finite = Field(description="height of every look; the map is calibrated for it")
-    touch_z_um: Finite = Field(description="height at which the tip touches the board")
+    work_z_um: Finite = Field(description="height of every look over a surface at touch_z_um; the map is for it")
+    touch_z_um: Finite = Field(description="height at which the tip touches the board, if it lies as it should")
     press_um: float = Field(
         default=0.0,
         ge=0,
         le=500,
-        description="how far below touch_z_um a surface may be pressed to measure it; 0: never",
+        description="how far the pin may be pushed in to measure a surface; 0: never",
+    )
+    surface_range_um: float = Field(
+        default=500.0, ge=0, le=2000, description="a surface lies within this of touch_z_um, above or below"
+    )
+    overtravel_um: float = Field(default=300.0, ge=0, le=1000, description="most that the pin may ever be pushed in")
+    descent_speed: float = Field(
+        default=2000.0, gt=0, le=2000, description="of Z below the highest possible surface, um per second"
     )
     approach_um: NotNegative = Field(default=200.0, description="overshoot for the one-sided approach")
     approach_deg: NotNegative = Field(default=0.5, description="the same for the head's angle")
@@ -134,7 +164,26 @@ class GantrySection(Section):
     def _heights(self) -> Self:
         if not self.touch_z_um <= self.work_z_um < self.safe_z_um:
             raise ValueError("heights must be touch_z_um <= work_z_um < safe_z_um")
+        if self.free_z_um >= self.safe_z_um:
+            raise ValueError(
+                f"safe_z_um must be above touch_z_um + surface_range_um + {CLEAR_UM:.0f}: a board there is hit"
+            )
         return self
+
+    @property
+    def highest_surface_um(self) -> float:
+        """Z at which the needle may first meet a surface of which nothing is known."""
+        return self.touch_z_um + self.surface_range_um
+
+    @property
+    def free_z_um(self) -> float:
+        """Z at which the needle is free of any surface that is possible."""
+        return self.highest_surface_um + CLEAR_UM
+
+    @property
+    def floor_z_um(self) -> float:
+        """Z below which the needle is never sent: the lowest possible surface minus the most overtravel."""
+        return self.touch_z_um - self.surface_range_um - max(self.overtravel_um, self.press_um)
 
 
 class LightsSection(Section):
@@ -147,6 +196,9 @@ class LightsSection(Section):
     white: int = Field(default=0, ge=0, le=31, description="coil (modbus, from 0) or channel (serial, from 1)")
     red: int = Field(default=1, ge=0, le=31)
     settle_ms: NotNegative = Field(default=40.0, description="relay and lamp are steady after this")
+    dark_level: float = Field(
+        default=60.0, ge=0.0, le=255.0, description="with both lamps off nothing is brighter; 0: not looked at"
+    )
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
@@ -176,6 +228,10 @@ class CameraSection(Section):
         default=12.0, description="about how much one pixel shows at the tip; only a start value"
     )
     timeout_ms: Positive = Field(default=3000.0, description="longest wait for one frame")
+    frozen_ms: float = Field(
+        default=1000.0, ge=50, le=60_000, description="without a new frame for this long it is opened again"
+    )
+    open_ms: float = Field(default=10_000.0, ge=500, le=120_000, description="longest wait for it to open")
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
@@ -279,6 +335,10 @@ class MaintenanceSection(Section):
     batch: int = Field(default=5, ge=2, le=50, description="numbers averaged to one point of a chart")
     probe_life_touches: int = Field(default=100_000, ge=100, description="touches after which a probe is to be changed")
     check_s: float = Field(default=300.0, ge=1.0, le=86400.0, description="devices are looked at this often at rest")
+    idle_check_s: float = Field(default=2.0, gt=0, le=60.0, description="pause between two checks of drives at rest")
+    idle_check_within_s: float = Field(
+        default=2.0, gt=0, le=60.0, description="what one check may take beside the time of its requests on the line"
+    )
     keep_rows: int = Field(default=60_000, ge=1000, le=10_000_000, description="measurements kept; the oldest go")
     off: tuple[str, ...] = Field(default=(), description="watches not wanted, by name or group")
 
@@ -320,6 +380,9 @@ class Config(Section):
                 raise ValueError(f"axes.{name}.bus names {bus!r}, which is not under [bus]")
         if self.lights.kind == "modbus" and self.lights.bus not in self.bus:
             raise ValueError(f"lights.bus names {self.lights.bus!r}, which is not under [bus]")
+        for (bus, address), users in self._addresses().items():
+            if len(users) > 1:
+                raise ValueError(f"{' and '.join(users)} have the same address {address} on bus {bus!r}")
         for watch in self.maintenance.off:
             if not is_known(watch, self.bus):
                 raise ValueError(f"maintenance.off names {watch!r}, which is no watch; `reprobe health` lists them")
@@ -331,17 +394,38 @@ class Config(Section):
                 raise ValueError(f"gantry.{name} = {height} lies outside axes.z {z.minimum}..{z.maximum}")
         return self
 
+    @property
+    def lowest_z_um(self) -> float:
+        """The lowest that Z is ever sent: the axis' own minimum, or the floor where that is higher."""
+        return max(self.axes.z.minimum, self.gantry.floor_z_um)
+
+    def _addresses(self) -> dict[tuple[str, int], list[str]]:
+        """Return who has which address on which line."""
+        users: dict[tuple[str, int], list[str]] = {}
+        for name in ("x", "y", "z", "theta"):
+            axis = getattr(self.axes, name)
+            users.setdefault((axis.bus, axis.address), []).append(f"axes.{name}")
+        if self.lights.kind == "modbus" and self.lights.bus is not None:
+            users.setdefault((self.lights.bus, self.lights.address), []).append("lights")
+        return users
+
 
 def load_config(path: Path) -> Config:
     """Read and check a configuration; raise `ConfigError` naming every problem."""
     try:
-        raw = tomllib.loads(path.read_text(encoding="utf-8"))
+        text = read_small(path, MOST_BYTES).decode()
+        if any(len(line) > LONGEST_LINE for line in text.splitlines()):
+            raise ConfigError(path, [("(file)", f"it has a line of more than {LONGEST_LINE} letters")])
+        raw = tomllib.loads(text)
     except OSError as exc:
         raise ConfigError(
             path, [("(file)", f"cannot be read: {exc.strerror}; give the path of a station.toml")]
         ) from exc
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as exc:
         raise ConfigError(path, [("(file)", f"is not TOML: {exc}")]) from exc
+    except RecursionError:
+        # Its thousand frames say nothing; they are let go of here.
+        raise ConfigError(path, [("(file)", "its tables and lists are nested too deeply")]) from None
     try:
         config = Config.model_validate(raw)
     except ValidationError as exc:

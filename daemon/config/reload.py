@@ -140,6 +140,9 @@ class Reloader:
                 return await asyncio.to_thread(read_change, self._path, self._current())
         except ConfigError as exc:
             problems = exc.problems
+        except Exception as exc:  # a file that cannot be read never ends a daemon that works well without it
+            log.exception("configuration_not_read", path=str(self._path))
+            problems = [("(file)", f"reading it failed: {type(exc).__name__}: {exc}"[:300])]
         log.error("configuration_refused", path=str(self._path), problems=problems)
         await self._tell("refused", {"problems": [list(problem) for problem in problems]})
         return None

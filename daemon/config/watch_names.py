@@ -20,7 +20,7 @@ _SINGLE: Final = (
     "tip_contrast", "tip_bend", "tip_x", "tip_y", "light_white", "light_red", "focus", "noise",
     "frames_missed", "frames", "stop_scatter", "more_moves", "calibration_age", "head_total_error",
     "head_closure", "backlash_x", "backlash_y", "surface", "probe_life", "pictures_not_kept",
-    "journal_moved_aside",
+    "journal_moved_aside", "journal_not_written",
 )  # fmt: skip
 _EACH_BUS: Final = ("bus_timeouts", "bus_garbled")
 _EACH_AXIS: Final = ("arrival", "following", "drive")

@@ -6,6 +6,7 @@ y up. `daemon.tools.cad_import` makes such a file from a CAD folder; a station n
 
 from __future__ import annotations
 
+import hashlib
 import math
 from pathlib import Path
 from typing import Literal
@@ -66,6 +67,8 @@ class Board(BoardModel):
     @classmethod
     def load(cls, path: Path) -> Board:
         """Read a board file; any trouble is a ValueError that says what to do."""
+        if path.exists() and not path.is_file():  # a pipe would be waited for without end
+            raise ValueError(f"{path} is no plain file; make it with `reprobe board DIR`")
         try:
             return cls.model_validate_json(path.read_bytes())
         except OSError as exc:
@@ -89,6 +92,11 @@ class Board(BoardModel):
         if name in self.hidden:
             raise Fault(FaultCode.UNKNOWN_TEST_POINT, f"{name} cannot be probed: {self.hidden[name]}", test_point=name)
         raise Fault(FaultCode.UNKNOWN_TEST_POINT, f"board {self.name} has no test point {name}", test_point=name)
+
+    @property
+    def revision(self) -> str:
+        """Fingerprint of all that the file says, for what was measured with another one of the same name."""
+        return hashlib.sha256(self.model_dump_json().encode()).hexdigest()[:16]
 
     def test_points(self) -> tuple[BoardPoint, ...]:
         """Return the targets that may be touched."""

@@ -59,6 +59,11 @@ class FaultCode(Enum):
         3103, "the calibration was refused; the old one stays", "see detail, then calibrate again"
     )
     MOTION_FAILED = _Kind(3201, "an axis did not do what it was told", "find the cause, then `reset`", latched=True)
+    WRONG_HEIGHT = _Kind(
+        3203,
+        "the needle touches the board where it should hover",
+        "see that this board lies flat in its nest, then `calibrate` its surface",
+    )
     AXIS_STALLED = _Kind(3202, "an axis stopped short", "clear the axis, then `reset` and `home`", latched=True)
 
     LINK_LOST = _Kind(4101, "the bus does not answer", "check cable, power and address, then `reset`", latched=True)
@@ -71,6 +76,9 @@ class FaultCode(Enum):
     NOT_CALIBRATED = _Kind(5103, "there is no valid calibration", "teach the tip, then calibrate the map")
     LIMIT_HIT = _Kind(5104, "a limit switch was hit", "free the axis, then `reset` and `home`", latched=True)
     EMERGENCY_STOP = _Kind(5105, "emergency stop", "release it, then `reset` and `home`", latched=True)
+    NOT_ALIGNED = _Kind(
+        5108, "the board in the nest has not been aligned", "send `align`; see that the board lies flat"
+    )
     IN_FAULT = _Kind(5106, "the daemon is in fault", "see the first cause in detail, then `reset`")
     NEEDLE_DOWN = _Kind(
         5107,

@@ -109,10 +109,12 @@ class JobContext:
         self._steps.add(asyncio.create_task(self._keep_step(kind, body)))
 
     async def settle(self) -> None:
-        """Wait until all notes are on disk; the first failing write is raised."""
+        """Wait until all notes are on disk, or could not be written; the first failure is raised."""
         steps, self._steps = self._steps, set()
-        if steps:
-            await asyncio.gather(*steps)
+        ends = await asyncio.gather(*steps, return_exceptions=True)
+        failed = next((end for end in ends if isinstance(end, Exception)), None)
+        if failed is not None:
+            raise failed
 
 
 RequestT = TypeVar("RequestT", bound=AnyJob)

@@ -14,11 +14,13 @@ class FairQueue(Generic[T]):
 
     def __init__(self) -> None:
         self._waiting: dict[str, deque[T]] = {}
+        self._count = 0
         self._something = asyncio.Event()
 
     def put(self, client: str, item: T) -> None:
         """Add an item behind the client's others."""
         self._waiting.setdefault(client, deque()).append(item)
+        self._count += 1
         self._something.set()
 
     async def get(self) -> T:
@@ -28,10 +30,12 @@ class FairQueue(Generic[T]):
             await self._something.wait()
         client, items = next(iter(self._waiting.items()))
         item = items.popleft()
+        self._count -= 1
         del self._waiting[client]
         if items:
             self._waiting[client] = items
         return item
 
     def __len__(self) -> int:
-        return sum(len(items) for items in self._waiting.values())
+        """How many wait; counted, for a scrape asks from another thread."""
+        return self._count

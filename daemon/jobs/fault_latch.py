@@ -62,7 +62,8 @@ class FaultLatch:
     @property
     def fault(self) -> Fault | None:
         """The first cause of the present fault; refusals name it."""
-        return self._causes[0] if self._causes else None
+        causes = self._causes  # once: a scrape asks from another thread
+        return causes[0] if causes else None
 
     @property
     def causes(self) -> tuple[Fault, ...]:

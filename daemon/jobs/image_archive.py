@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import hashlib
+import json
+import os
 import re
-import shutil
+import stat
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Literal
 
@@ -24,6 +28,9 @@ from vision.annotate import draw_control_point, draw_test_points, draw_tip
 log = structlog.get_logger(__name__)
 JPEG_QUALITY = 92
 LONGEST_NAME = 64
+NUMBERS = "result.json"
+OWN = re.compile(r"result\.json|(before|after)-(white|red|tip|cross|pads)\.jpg")
+"""Names of the files in a job's folder."""
 
 
 class ImageArchive:
@@ -60,24 +67,67 @@ class ImageArchive:
 
     def _write(self, folder: Path, looks: dict[str, LookResult], numbers: str) -> None:
         folder.mkdir(parents=True, exist_ok=True)
+        if folder.is_symlink():
+            raise OSError(errno.ELOOP, "a link is in the place of the pictures' folder")
+        _write_plain(folder / NUMBERS, numbers.encode())  # first: by it the folder is known for the daemon's own
         for name, look in looks.items():
             for kind, pixels in _sheets(look):
                 ok, data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
                 if ok:
-                    (folder / f"{name}-{kind}.jpg").write_bytes(data.tobytes())
-        (folder / "result.json").write_text(numbers)
+                    _write_plain(folder / f"{name}-{kind}.jpg", data.tobytes())
         self._trim(keep=folder)
 
     def _trim(self, keep: Path) -> None:
-        """Drop the oldest folders until the quota holds; the newest always stays."""
-        folders = sorted((f for f in self._folder.iterdir() if f.is_dir()), key=lambda f: f.stat().st_mtime)
-        sizes = {f: sum(p.stat().st_size for p in f.iterdir()) for f in folders}
+        """Drop the oldest folders until the quota holds; the newest always stays, and what the daemon did not make."""
+        folders = sorted(
+            (f for f in self._folder.iterdir() if _is_plain(f / NUMBERS) and f.is_dir() and not f.is_symlink()),
+            key=lambda f: f.lstat().st_mtime,
+        )
+        sizes = {f: sum(file.lstat().st_size for file in _own_files(f)) for f in folders}
         total = sum(sizes.values())
         for folder in folders:
             if total <= self._quota_bytes or folder == keep:
                 break
-            shutil.rmtree(folder)
             total -= sizes[folder]
+            if _is_own(folder):
+                _remove(folder)
+
+
+def _own_files(folder: Path) -> list[Path]:
+    """Return the files that `keep` writes, without links."""
+    return [file for file in folder.iterdir() if OWN.fullmatch(file.name) and _is_plain(file)]
+
+
+def _is_plain(file: Path) -> bool:
+    """Tell whether it is a file, and no link to one."""
+    try:
+        return stat.S_ISREG(file.lstat().st_mode)
+    except OSError:
+        return False
+
+
+def _is_own(folder: Path) -> bool:
+    """Tell whether the daemon made a folder: its numbers are those of the job after which it is named."""
+    try:
+        facts = json.loads((folder / NUMBERS).read_bytes())
+        return _folder_name(str(facts["id"])) == folder.name
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
+
+
+def _remove(folder: Path) -> None:
+    """Remove what the daemon wrote into a folder, and the folder if nothing else is in it."""
+    for file in sorted(_own_files(folder), key=lambda file: file.name == NUMBERS):
+        file.unlink()
+    with suppress(OSError):
+        folder.rmdir()
+
+
+def _write_plain(file: Path, data: bytes) -> None:
+    """Write a file; a link in its place is not followed: OSError."""
+    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC
+    with os.fdopen(os.open(file, flags, 0o644), "wb") as opened:
+        opened.write(data)
 
 
 def _sheets(look: LookResult) -> Iterator[tuple[str, Pixels]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from typing import Any, Protocol
 
 from daemon.domain.results import JobResult
@@ -29,5 +29,8 @@ class JobObserver:
 class Publisher(Protocol):
     """Where events go."""
 
-    def publish(self, topic: Topic, body: dict[str, Any], seq: int | None = None) -> int:
-        """Send one event and return its number; a number taken earlier (for the journal) is used as it is."""
+    def publish(self, topic: Topic, body: dict[str, Any]) -> int | None:
+        """Send one event and return its number; None if it is sent later, or cannot be numbered."""
+
+    async def publish_written(self, topic: Topic, write: Callable[[int], Awaitable[dict[str, Any]]]) -> int:
+        """Have `write` write one event down under its number and return its body, then send it."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 from daemon.domain.board import Board
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.results import ErrorBody
@@ -38,5 +40,10 @@ def refuse_unknown_point(request: AnyJob, board: Board) -> None:
 
 def refuse_other_request(job_id: str, asked: str, known: str) -> None:
     """Refuse an id that stood for another request; both in their canonical form."""
-    if asked != known:
+    if asked != known and _given(asked) != _given(known):
         raise Fault(FaultCode.ID_REUSED, f"id {job_id!r} was used for a different request", id=job_id)
+
+
+def _given(canonical: str) -> dict[str, object]:
+    """Return the fields that say something: a request of an older version lacks those that were added since."""
+    return {field: value for field, value in json.loads(canonical).items() if value is not None}

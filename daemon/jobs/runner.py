@@ -89,8 +89,45 @@ class Surroundings:
     """The limits in force; read with every request."""
     observer: JobObserver = field(default_factory=JobObserver)
     watchdog: Watchdog = field(default_factory=Watchdog)
+    refusal: Callable[[str, str], Fault | None] = lambda _client, _op: None
+    """Why a client may not have an operation run any more, asked again when its job's turn has come."""
     on_result: Callable[[JobResult], None] = lambda _result: None
     """Called with every result, once it has been published."""
+
+
+@dataclass(frozen=True)
+class _Ended:
+    """A job that has ended, and how: all that its result tells."""
+
+    request: AnyJob
+    job: JobContext
+    outcome: Outcome
+    fault: Fault | None
+    finished_at: str
+    timing_ms: dict[str, dict[str, float]]
+    folder: Path | None
+
+    def result(self, station: str, seq: int) -> JobResult:
+        """Put the result into words, under the number of the event that carries it."""
+        job, outcome, fault = self.job, self.outcome, self.fault
+        return JobResult(
+            id=self.request.id,
+            op=self.request.op,
+            ok=fault is None,
+            seq=seq,
+            station=station,
+            finished_at=self.finished_at,
+            outcome=outcome.outcome if fault is None else "failed",
+            test_point=outcome.test_point,
+            error_before_um=outcome.error_before_um,
+            error_after_um=outcome.error_after_um,
+            looks=job.looks,
+            moves=job.moves,
+            timing_ms=self.timing_ms,
+            pictures=str(self.folder) if self.folder and job.looks else None,
+            detail=outcome.detail,
+            error=ErrorBody.of(fault) if fault else None,
+        )
 
 
 class JobRunner:
@@ -104,6 +141,8 @@ class JobRunner:
         self._open: dict[str, _Ticket] = {}
         self._running: _Ticket | None = None
         self._progress: dict[str, Any] | None = None
+        self._unwritten: dict[str, _Ended] = {}
+        """Jobs that have ended and whose results nobody was told, for they could not be written."""
 
     # --- taking ----------------------------------------------------------------------------------------------
 
@@ -153,7 +192,7 @@ class JobRunner:
             return None
         refuse_other_request(job_id, canonical, stored.request)
         if stored.result is None:  # the disk failed when it ended; nobody may wait for it without end
-            raise Fault(FaultCode.JOURNAL_FAILED, f"the result of job {job_id!r} could not be written"[:200], id=job_id)
+            raise _not_written(job_id)
         done: asyncio.Future[JobResult] = asyncio.get_running_loop().create_future()
         done.set_result(stored.result)
         return done
@@ -211,7 +250,8 @@ class JobRunner:
             try:
                 outcome, fault = await self._outcome(ticket, job), None
             except asyncio.CancelledError:
-                await self._finish(ticket, job, job.partial, Fault(FaultCode.SHUTTING_DOWN, "the daemon was stopped"))
+                stopped = Fault(FaultCode.SHUTTING_DOWN, "the daemon was stopped")
+                await finish(self._finish(ticket, job, job.partial, stopped))
                 raise
             except Exception as exc:  # the one place where every way a job can end is turned into an answer
                 outcome, fault = job.partial, as_fault(exc)
@@ -282,6 +322,9 @@ class JobRunner:
         """Begin: ask once more what speaks against the job, go to `triggered`, and check the deadline again."""
         request = ticket.request
         refuse_in_fault(self._latch.against(request.op))
+        refusal = self._with.refusal(ticket.client, request.op)
+        if refusal is not None:
+            raise refusal
         context = self._with.context()
         if context is None:
             raise Fault(FaultCode.IN_FAULT, "the station is not open")
@@ -329,44 +372,71 @@ class JobRunner:
     # --- telling ---------------------------------------------------------------------------------------------
 
     async def _finish(self, ticket: _Ticket, job: JobContext, outcome: Outcome, fault: Fault | None) -> None:
-        """Journal, publish, answer, then keep the pictures; in this order."""
+        """Journal, publish, answer, then keep the pictures; in this order.
+
+        A result that cannot be written is told to nobody: after a kill the next start could not but tell another.
+        """
         timing = job.watch.timing_ms()
         folder = self._with.images.folder_for(ticket.request, failed=fault is not None)
-        result = JobResult(
-            id=ticket.request.id,
-            op=ticket.request.op,
-            ok=fault is None,
-            seq=self._journal.take_seq(),
-            station=self._with.station,
-            finished_at=utc_now(),
-            outcome=outcome.outcome if fault is None else "failed",
-            test_point=outcome.test_point,
-            error_before_um=outcome.error_before_um,
-            error_after_um=outcome.error_after_um,
-            looks=job.looks,
-            moves=job.moves,
-            timing_ms=timing,
-            pictures=str(folder) if folder and job.looks else None,
-            detail=outcome.detail,
-            error=ErrorBody.of(fault) if fault else None,
-        )
+        ended = _Ended(ticket.request, job, outcome, fault, utc_now(), timing, folder)
+        await self._settle(job)
         try:
-            await job.settle()
-            await self._journal.finish_job(result)
+            result = await self._write(ended)
         except Fault as disk:
-            self._latch.latch(disk)
-        self._with.publisher.publish("result", result.model_dump(mode="json"), seq=result.seq)
-        self._with.on_result(result)
-        # Answered is over: what is kept of it afterwards cannot be cancelled any more, and nobody is refused for it.
-        self._with.lock.goes_on_as("archive")
-        self._running = None
-        self._open.pop(ticket.request.id, None)
+            self._hold_back(ended, ticket, disk)
+            return
+        self._let_go(ticket)
         if not ticket.done.done():
             ticket.done.set_result(result)
         log.info("job_done", outcome=result.outcome, ok=result.ok, error=fault.message if fault else None)
         self._with.observer.on_result(job, result)
         if result.pictures and folder:
             await self._keep_pictures(folder, job, result)
+
+    @staticmethod
+    async def _settle(job: JobContext) -> None:
+        """Wait for the job's looks and moves to be on disk; one that is not costs no result."""
+        try:
+            await job.settle()
+        except Exception as exc:  # noqa: BLE001  # a note is not worth a result
+            log.error("steps_not_kept", error=str(exc))
+
+    async def _write(self, ended: _Ended) -> JobResult:
+        """Write a result down and publish it; raise `Fault` if it cannot be written."""
+        written: list[JobResult] = []
+
+        async def write(seq: int) -> dict[str, Any]:
+            result = ended.result(self._with.station, seq)
+            await self._journal.finish_job(result)
+            written.append(result)
+            return result.model_dump(mode="json")
+
+        await self._with.publisher.publish_written("result", write)
+        self._with.on_result(written[0])
+        return written[0]
+
+    def _hold_back(self, ended: _Ended, ticket: _Ticket, disk: Fault) -> None:
+        """Keep a result until it can be written; whoever waits is told to ask again."""
+        ended.job.first_look = ended.job.last_look = None  # their pictures are 24 MB
+        self._unwritten[ended.request.id] = ended
+        self._latch.latch(disk)
+        self._let_go(ticket)
+        _refuse(ticket.done, _not_written(ended.request.id))
+        log.error("result_not_written", error=disk.message)
+
+    def _let_go(self, ticket: _Ticket) -> None:
+        """Be done with a job: what is kept of it from now on can be cancelled no more, and nobody is refused for it."""
+        self._with.lock.goes_on_as("archive")
+        self._running = None
+        self._open.pop(ticket.request.id, None)
+
+    async def write_held_back(self) -> None:
+        """Write and tell the results that could not be written before; raise `Fault` if that still fails."""
+        for job_id, ended in list(self._unwritten.items()):
+            result = await self._write(ended)
+            del self._unwritten[job_id]
+            log.info("result_written_late", id=job_id, outcome=result.outcome)
+            self._with.observer.on_result(ended.job, result)
 
     async def _keep_pictures(self, folder: Path, job: JobContext, result: JobResult) -> None:
         """Keep the pictures; that they cannot be kept any more, or can again, is an alert."""
@@ -418,6 +488,13 @@ class JobRunner:
         if ticket.task is not None:
             ticket.task.cancel()
         return ticket.request.id
+
+
+def _not_written(job_id: str) -> Fault:
+    return Fault(
+        FaultCode.JOURNAL_FAILED, f"job {job_id!r} has ended, but its result could not be written yet"[:200],
+        id=job_id, advice="free disk space, then ask again with the same id",
+    )  # fmt: skip
 
 
 def _refuse(done: asyncio.Future[JobResult], why: BaseException) -> None:

@@ -165,6 +165,8 @@ _LIMITS: Final = (
     Spec("pictures_not_kept", "daemon", "pictures cannot be kept", "", None, "free disk space", (), 0),
     Spec("journal_moved_aside", "daemon", "the journal could not be read and was begun anew", "", None,
          "keep the file named for whoever looks after the daemon; acknowledge this when it is safe", (), 0),
+    Spec("journal_not_written", "daemon", "the journal cannot be written, and no job is taken", "", None,
+         "free disk space; a journal that was deleted or is damaged needs `reset`", (), 0),
 )  # fmt: skip
 _SINGLE: Final = (*_PLACEMENT, _CORRECTIONS, *_FAILURES, *_TIP, *_LIGHT, *_CAMERA, *_STOPS, *_LIMITS)
 

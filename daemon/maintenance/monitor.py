@@ -94,6 +94,7 @@ class Monitor(JobObserver):
         self._corrections = self._reported = 0
         self._row = 0
         self._unsaved = 0
+        self._loaded = False
         self._turn = asyncio.Lock()
         """Held while alerts are compared with findings: nobody clears one between."""
 
@@ -136,7 +137,12 @@ class Monitor(JobObserver):
     # --- running ----------------------------------------------------------------------------------------------
 
     async def load(self) -> None:
-        """Take over what was learned, feed again what was measured since, and remember the alerts that stand."""
+        """Take over what was learned, feed again what was measured since, and remember the alerts that stand.
+
+        Raises `Fault` if the journal cannot be read; until it was, nothing is kept that would replace what it has.
+        """
+        if self._loaded:
+            return
         self._touches = await self._journal.touches()
         for body in await self._journal.standing():
             try:
@@ -160,6 +166,7 @@ class Monitor(JobObserver):
                 self._feed_again(at, touches, job, body)
                 self._row = n
             await asyncio.sleep(0)
+        self._loaded = True
         if self._journal.moved_to is not None:
             self.on_flag("journal_moved_aside", f"{self._journal.moved_because}; it lies at {self._journal.moved_to}")
 
@@ -272,6 +279,7 @@ class Monitor(JobObserver):
     async def save(self) -> None:
         """Keep what was learned, and hold the journal to its bounds: a busy station never rests."""
         self._unsaved = 0
+        await self.load()
         await self._journal.keep(
             STATE,
             {"row": self._row, "corrections": self._corrections, "reported": self._reported,
@@ -337,19 +345,26 @@ class Monitor(JobObserver):
         alert = standing or (news.alert if news is not None else None)
         if alert is None:
             return
-        seq: int | None = None
         try:
             await self._journal.set_standing(alert.name, standing.to_dict() if standing is not None else None)
-            if news is not None:
-                await self._journal.reserve_seqs()
-                seq = self._journal.take_seq()
-                await self._journal.add_alert(seq, news.body)
         except Fault as exc:
             log.warning("alert_not_kept", name=alert.name, error=exc.message)
         if news is not None:
-            self._publisher.publish("alert", news.body, seq=self._journal.take_seq() if seq is None else seq)
+            await self._tell(news)
             tell: Callable[..., Any] = log.info if news.change in ("cleared", "acknowledged") else log.warning
             tell("alert", name=alert.name, change=news.change, message=news.alert.message)
+
+    async def _tell(self, news: AlertNews) -> None:
+        async def write(seq: int) -> dict[str, Any]:
+            await self._journal.add_alert(seq, news.body)
+            return news.body
+
+        await self._journal.reserve_seqs()
+        try:
+            await self._publisher.publish_written("alert", write)
+        except Fault as exc:
+            log.warning("alert_not_kept", name=news.alert.name, error=exc.message)
+            self._publisher.publish("alert", news.body)
 
     # --- asked ------------------------------------------------------------------------------------------------
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import fcntl
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 LOCK = "daemon.lock"
@@ -31,9 +31,14 @@ def alone(folder: Path) -> Iterator[None]:
         except BlockingIOError:
             other = os.read(handle, 20).decode(errors="replace").strip() or "unknown"
             raise NotAloneError(f"another daemon (process {other}) works with {folder}") from None
-        os.ftruncate(handle, 0)
-        os.pwrite(handle, f"{os.getpid()}\n".encode(), 0)
+        _sign(handle)
         yield
     finally:
         # The file stays: to remove it would let two hold two files of the same name.
         os.close(handle)
+
+
+def _sign(handle: int) -> None:
+    """Write the own process number, for who finds the folder taken; a full disk must not keep the daemon out."""
+    with suppress(OSError):
+        os.ftruncate(handle, os.pwrite(handle, f"{os.getpid()}\n".encode(), 0))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.states import Event
 from daemon.jobs.context import JobContext, Outcome, StationContext
 from daemon.procedures.aiming import UNCLEAR, Aim, look_and_aim
-from daemon.procedures.calibrate.commit import Began, keep, tell_old
+from daemon.procedures.calibrate.commit import Began, keep, on_disk, tell_old
 from daemon.procedures.correct import sidestep_um
 from daemon.procedures.move_sequence import MoveSequence, shifted
 from daemon.storage.calibration_records import Aligned, AlignmentLimits, AlignmentRecord
@@ -31,7 +32,7 @@ SCATTER_UM = 6.0
 
 
 async def align(job: JobContext, context: StationContext, request: Align) -> Outcome:
-    """Look at the fiducials from the head angles asked for and keep the board's pose; else the old one stays."""
+    """Look at the fiducials from the head angles asked for and keep the board's pose; else none is in force."""
     tell_old(job, context, "alignment")
     points = _fiducials(request, context)
     context.calibrations.require_probe()
@@ -42,6 +43,7 @@ async def align(job: JobContext, context: StationContext, request: Align) -> Out
     for _, place in stops:
         context.station.check(shifted(place, -r, -r))
         context.station.check(shifted(place, r, r))
+    await _begin(job, context, request)
     job.fire(Event.ACCEPTED)
     sequence, began = MoveSequence(job, context), Began.now(job)
     views: dict[str, list[Array]] = {p.name: [] for p in points}
@@ -49,9 +51,17 @@ async def align(job: JobContext, context: StationContext, request: Align) -> Out
         job.progress(n, len(stops), f"looking at {point.name}")
         views[point.name].append(await _place_um(sequence, point, place, pose_map))
     fitted = _fit(points, views, context)
-    record = _record(fitted, points, views, context, began.facts(job, context))
+    record = _record(fitted, points, views, context, began.facts(job, context) | {"board_id": request.board_id})
     kept = await keep(job, context, record)
     return Outcome("aligned", detail=_told(record, context) | kept)
+
+
+async def _begin(job: JobContext, context: StationContext, request: Align) -> None:
+    """Hold the old pose for void: who aligns doubts it, and however this ends, only one that passes is true."""
+    which = f" of board {request.board_id}" if request.board_id is not None else ""
+    why = f"the last alignment{which} (job {request.id[:64]}) did not pass"
+    await on_disk(context.calibrations.void_alignment, why)
+    tell_old(job, context, "alignment")
 
 
 def _fiducials(request: Align, context: StationContext) -> list[BoardPoint]:
@@ -72,8 +82,12 @@ def _fiducials(request: Align, context: StationContext) -> list[BoardPoint]:
 
 
 def _nominal(context: StationContext, point: BoardPoint, theta_deg: float) -> Position:
-    """Return where to look for a fiducial: where the configuration has it, for the board may be another one."""
-    return context.geometry.position_at(context.geometry.nominal_um(point.place_um), theta_deg)
+    """Return where to look for a fiducial: where the configuration has it, for the board may be another one.
+
+    So its height is not known either, and the needle stays free of any.
+    """
+    over = context.geometry.position_at(context.geometry.nominal_um(point.place_um), theta_deg)
+    return replace(over, z_um=max(context.gantry.work_z_um, context.gantry.free_z_um))
 
 
 async def _place_um(sequence: MoveSequence, point: BoardPoint, place: Position, pose_map: PoseMap) -> Array:

@@ -16,6 +16,7 @@ from zmq.auth.asyncio import AsyncioAuthenticator
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.roles import Caller, Role
 from daemon.server.keyring import Keyring
+from daemon.wire.operations.table import OPERATIONS
 
 HEARTBEAT_MS, DEAD_AFTER_MS = 5_000, 20_000
 """How often a quiet connection is asked for life, and when it is given up."""
@@ -75,6 +76,19 @@ class Authenticator:
         client = self._keyring.find(key.decode()) if self._keyring is not None else None
         log.info("handshake", domain=domain, client=client.name if client else None, public=key.decode())
         return client is not None
+
+    def refusal(self, name: str, op: str) -> Fault | None:
+        """Return why a client that was let in may not have its job `op` run any more; None if it may."""
+        if self._keyring is None:
+            return None
+        client = self._keyring.named(name)
+        if client is None:
+            return Fault(FaultCode.KEY_REVOKED, f"the key of {name!r} was taken back while the job waited")
+        try:
+            OPERATIONS.require(Caller(client.name, client.role), op)
+        except Fault as fault:
+            return fault
+        return None
 
     def caller(self, frame: zmq.Frame, connection: bytes) -> Caller:
         """Return who sent a message; raise `Fault` if its key was taken back."""

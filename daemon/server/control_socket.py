@@ -24,9 +24,10 @@ from daemon.server.auth import Authenticator
 from daemon.server.event_publisher import bind
 from daemon.server.rate_limit import RateLimit
 from daemon.station.device_errors import as_fault
-from daemon.wire.limits import HARD_LIMIT, MAX_HELD, MAX_PENDING
+from daemon.wire.limits import HARD_LIMIT, MAX_COMMAS, MAX_HELD, MAX_PENDING
 from daemon.wire.operations.table import OPERATIONS, AnyRequest
 from daemon.wire.replies import AnyReply, Refusal, Reply
+from daemon.wire.requests import MAX_TAG
 
 RECEIVE_QUEUE, SEND_QUEUE = 200, 200
 """Messages of one peer held for it; a peer that does not read its answers loses them."""
@@ -64,7 +65,7 @@ class ControlSocket:
         # A client that comes back under its name is served at once. With keys nobody may take a name that is in use.
         self._socket.setsockopt(zmq.ROUTER_HANDOVER, int(not guard.curve))
         guard.protect(self._socket)
-        bind(self._socket, api.control)
+        self._limit = bind(self._socket, api.control)
         self._broken: asyncio.Future[None] | None = None
         self._pending: set[asyncio.Task[None]] = set()
         self._held: Counter[str] = Counter()
@@ -97,6 +98,7 @@ class ControlSocket:
 
     def close(self) -> None:
         """Close the socket."""
+        self._limit.close()
         self._socket.close()
 
     def _stirred(self) -> None:
@@ -124,8 +126,9 @@ class ControlSocket:
             caller = self._guard.caller(frames[-1], route[0])
             self._rate.spend(caller.client)
             raw = self._decode(body)
+            # Who may not ask for it learns nothing of its fields, and costs nothing of their validation.
+            OPERATIONS.require(caller, OPERATIONS.operation(raw).op)
             request = OPERATIONS.parse(raw)
-            OPERATIONS.require(caller, request.op)
             reply: AnyReply | None = self._answers.at_once(request, caller)
             if reply is None:
                 self._make_room(caller.client)
@@ -170,8 +173,9 @@ class ControlSocket:
     def _send(self, route: list[bytes], raw: Any, reply: AnyReply) -> None:
         """Send a reply; a peer that is gone or reads nothing loses it."""
         reply.version = self._version
-        if reply.id is None and isinstance(raw, dict) and isinstance(raw.get("id"), str):
-            reply.id = raw["id"][:MAX_ID].encode(errors="replace").decode()
+        if isinstance(raw, dict):
+            reply.id = reply.id or _echo(raw.get("id"), MAX_ID)
+            reply.tag = _echo(raw.get("tag"), MAX_TAG)
         try:
             self._socket.send_multipart([*route, reply.to_json()], zmq.NOBLOCK)
         except zmq.ZMQError as exc:
@@ -184,8 +188,11 @@ class ControlSocket:
             raise Fault(FaultCode.MESSAGE_TOO_LARGE, f"{size} bytes", limit_bytes=self._max_message_bytes)
         if len(body) != 1:
             raise Fault(FaultCode.BAD_JSON, f"{len(body)} frames instead of one")
+        data = body[0].bytes
+        if data.count(b",") > MAX_COMMAS:
+            raise Fault(FaultCode.INVALID_REQUEST, f"more than {MAX_COMMAS} values, which no request has", fields=[])
         try:
-            return json.loads(body[0].bytes)
+            return json.loads(data)
         except (ValueError, RecursionError) as exc:
             raise Fault(FaultCode.BAD_JSON, f"not JSON: {exc}"[:300]) from exc
 
@@ -196,6 +203,11 @@ def _refusal(error: Exception) -> Refusal:
     if fault.kind is FaultCode.INTERNAL:
         log.error("request_failed_internally", exc_info=error)
     return Refusal(error=ErrorBody.of(fault))
+
+
+def _echo(value: Any, longest: int) -> str | None:
+    """Return a text of the request for its answer, cut and made sendable; None for what is no text."""
+    return value[:longest].encode(errors="replace").decode() if isinstance(value, str) else None
 
 
 def _split(frames: list[zmq.Frame]) -> tuple[list[bytes], list[zmq.Frame]]:

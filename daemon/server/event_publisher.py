@@ -1,32 +1,42 @@
-"""Event publisher: everything that happens, numbered, on a PUB socket."""
+"""Event publisher: everything that happens, on a PUB socket, in the order of its numbers."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping
+from collections import deque
+from collections.abc import Awaitable, Callable, Mapping
 from typing import Any
 
 import structlog
 import zmq
 
+from daemon.domain.errors import Fault
 from daemon.platform.clock import utc_now
 from daemon.server.auth import Authenticator
+from daemon.server.connection_limit import ConnectionLimit
 from daemon.storage.journal import Journal
 from daemon.wire.events import Topic, event
 from daemon.wire.limits import EVENT_QUEUE
+from drivers.shielded import finish
 
 Count = Callable[[str, Mapping[str, Any]], None]
 BIND_AGAIN_S, GIVE_UP_S = 0.01, 5.0
 log = structlog.get_logger(__name__)
 
 
-def bind(socket: zmq.Socket[Any], endpoint: str) -> None:
-    """Bind, or close the socket before the error goes on: a context waits for open sockets without end."""
+def bind(socket: zmq.Socket[Any], endpoint: str) -> ConnectionLimit:
+    """Bind, and return what bounds the socket's peers; close both before an error goes on.
+
+    A context waits for open sockets without end.
+    """
+    limit = ConnectionLimit(socket)
     try:
         socket.bind(endpoint)
     except zmq.ZMQError:
+        limit.close()
         socket.close(linger=0)
         raise
+    return limit
 
 
 class EventPublisher:
@@ -48,8 +58,11 @@ class EventPublisher:
         self._guard = guard or Authenticator("maintain")
         self._removals = self._guard.removals
         self._moving: asyncio.Task[None] | None = None
+        self._turn = asyncio.Lock()
+        self._held: deque[tuple[Topic, dict[str, Any]]] | None = None
+        """What was published while another event is being written; None while none is."""
         self._socket = self._open()
-        bind(self._socket, endpoint)
+        self._limit = bind(self._socket, endpoint)
 
     def _open(self) -> zmq.Socket[bytes]:
         socket: zmq.Socket[bytes] = self._context.socket(zmq.PUB)
@@ -58,22 +71,69 @@ class EventPublisher:
         self._guard.protect(socket)
         return socket
 
-    def publish(self, topic: Topic, body: dict[str, Any], seq: int | None = None) -> int:
-        """Send one event and return its number; a number taken earlier (for the journal) is used as it is."""
+    def publish(self, topic: Topic, body: dict[str, Any]) -> int | None:
+        """Send one event and return its number.
+
+        None while another event is being written, which comes first, and while no number is to be had: then the event
+        is not sent, so that numbers have no gap.
+        """
+        if self._held is not None:
+            self._held.append((topic, body))
+            return None
+        try:
+            number = self._journal.take_seq()
+        except Fault:
+            return None
+        self._send(topic, body, number)
+        return number
+
+    async def publish_written(self, topic: Topic, write: Callable[[int], Awaitable[dict[str, Any]]]) -> int:
+        """Have one event written down under its number, then send it; events published meanwhile come after it.
+
+        Done to its end even if cancelled. Raises what `write` raises; then nothing is sent, and the number is free.
+        """
+        sent = await finish(self._write_and_send(topic, write))
+        if isinstance(sent, Fault):
+            raise sent
+        return sent
+
+    async def _write_and_send(self, topic: Topic, write: Callable[[int], Awaitable[dict[str, Any]]]) -> int | Fault:
+        """Return a `Fault` instead of raising it: a cancellation of who waits must win over it."""
+        async with self._turn:
+            try:
+                number = self._journal.lend_seq()
+            except Fault as exc:
+                return exc
+            held = self._held = deque[tuple[Topic, dict[str, Any]]](maxlen=EVENT_QUEUE)
+            written = False
+            try:
+                body = await write(number)
+                written = True
+            except Fault as exc:
+                return exc
+            finally:
+                self._journal.settle_seq(used=written)
+                self._held = None
+                if written:
+                    self._send(topic, body, number)
+                for later, facts in held:
+                    self.publish(later, facts)
+            return number
+
+    def _send(self, topic: Topic, body: dict[str, Any], number: int) -> None:
         if self._guard.removals != self._removals:
             self._removals = self._guard.removals
             self._send_all_away()
-        number = self._journal.take_seq() if seq is None else seq
         told = event(topic, number, utc_now(), self._station, body)
         self._socket.send_multipart([topic.encode(), told.model_dump_json().encode()], zmq.NOBLOCK)
         if self._count is not None:
             self._count(topic, body)
-        return number
 
     def close(self) -> None:
         """Close the socket; what is on its way is still sent for a moment."""
         if self._moving is not None:
             self._moving.cancel()
+        self._limit.close()
         self._socket.close()
 
     def _send_all_away(self) -> None:
@@ -82,8 +142,10 @@ class EventPublisher:
         A PUB socket cannot part from one peer alone. What is published until the new socket stands is lost to
         subscribers, who see that by `seq`.
         """
+        self._limit.close()
         self._socket.close(linger=0)
         self._socket = self._open()
+        self._limit = ConnectionLimit(self._socket)
         if self._moving is not None:
             self._moving.cancel()
         self._moving = asyncio.create_task(self._bind_again(self._socket), name="events")

@@ -54,6 +54,11 @@ class Keyring:
         self.refresh()
         return self._clients.get(public)
 
+    def named(self, name: str) -> ClientKey | None:
+        """Return the client of this name, or None if it may not come in (any more)."""
+        self.refresh()
+        return next((client for client in self._clients.values() if client.name == name), None)
+
     def refresh(self) -> None:
         """Read the allow-list again if it may have changed; a file that cannot be trusted lets nobody in."""
         if not self._follows:

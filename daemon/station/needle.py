@@ -115,6 +115,12 @@ class Needle:
             self._on_touch()
         self._touching = touching
 
+    def touched(self) -> None:
+        """Hear that it met a surface where none was known; it counts once, as any touch."""
+        if not self._touching:
+            self._on_touch()
+        self._touching = True
+
     def forget(self) -> None:
         """Hear that the reference is given up."""
         self._known, self._position, self._z_um = NeedlePlace.UNKNOWN, None, None

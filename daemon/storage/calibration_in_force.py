@@ -17,6 +17,8 @@ from typing import Any, Final, TypeVar
 import structlog
 
 from daemon.domain.board import Board
+from daemon.storage.alignment_void import why_void
+from daemon.storage.calibration_conditions import Conditions, dated_in_the_future
 from daemon.storage.calibration_records import (
     AlignmentRecord,
     MapRecord,
@@ -41,6 +43,8 @@ class InForce:
     """What is calibrated at one moment; it never changes, so that a reader sees one state only."""
 
     station: str
+    conditions: Conditions | None = None
+    """What the station is set to; None where nobody has said so, then nothing is judged by it."""
     probe: ProbeModel | None = None
     fingerprint: str = ""
     """Of the taught probe; records made with another one are not used."""
@@ -51,6 +55,8 @@ class InForce:
     """Kind -> record."""
     problems: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     """Kind -> why its file is not used."""
+    void: str | None = None
+    """Why no correction may be made until the board is aligned; None if it may."""
 
     @property
     def mapped_at(self) -> str | None:
@@ -74,10 +80,16 @@ class InForce:
             raise ValueError(f"it was made on station {record.station!r}, this is {self.station!r}")
         if record.what in OF_THE_PROBE and record.probe != self.fingerprint:
             raise ValueError("it was made with another probe")
+        unfit = dated_in_the_future(record.made_at)
+        if self.conditions is not None and record.conditions is not None:
+            unfit = unfit or self.conditions.against(record.what, record.conditions)
+        if unfit is not None:
+            raise ValueError(unfit)
         return replace(
             self,
             records=MappingProxyType({**self.records, record.what: record}),
             problems=_without(self.problems, record.what),
+            void=None if record.what == "alignment" else self.void,
             **_carried(record),
         )
 
@@ -94,6 +106,10 @@ class InForce:
             problems=_without(self.problems, "probe", *OF_THE_PROBE),
         )
 
+    def without_alignment(self, why: str) -> InForce:
+        """Return the same without the board's alignment, which is void."""
+        return replace(self, records=_without(self.records, "alignment"), void=why).with_problem("alignment", why)
+
     def with_problem(self, what: str, why: str) -> InForce:
         """Return the same with a reason why a kind's file is not used."""
         return replace(self, problems=MappingProxyType({**self.problems, what: why}))
@@ -109,9 +125,9 @@ def record_file(folder: Path, what: str) -> Path:
     return folder / f"{what}.json"
 
 
-def read_in_force(folder: Path, station: str) -> InForce:
+def read_in_force(folder: Path, station: str, conditions: Conditions | None = None) -> InForce:
     """Read what is there. A missing file is simply not calibrated yet; of an unusable one it is said why."""
-    found = InForce(station)
+    found = InForce(station, conditions)
     try:
         if probe_file(folder).exists():
             found = found.with_probe(*read_probe(probe_file(folder)))
@@ -119,7 +135,14 @@ def read_in_force(folder: Path, station: str) -> InForce:
         found = _skip(found, "probe", exc)
     for what in KINDS:
         found = with_file(found, folder, what)
-    return found
+    why = why_void(folder, _alignment_made_at(found))
+    return found.without_alignment(why) if why is not None else found
+
+
+def _alignment_made_at(found: InForce) -> str:
+    """Return when the alignment in force was made; "" if there is none."""
+    record = found.records.get("alignment")
+    return record.made_at if record is not None else ""
 
 
 def with_file(found: InForce, folder: Path, what: str) -> InForce:

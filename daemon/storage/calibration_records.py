@@ -14,6 +14,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
+from daemon.storage.calibration_conditions import Conditions
+
 FORMAT: Literal["reprobe-calibration-2"] = "reprobe-calibration-2"
 Pair = tuple[float, float]
 
@@ -45,6 +47,8 @@ class Made(_Part):
     """Fingerprint of the taught probe it was made with."""
     seconds: float
     looks: int
+    conditions: Conditions | None = None
+    """What the station was set to; None in records of older versions."""
 
 
 class MapLimits(_Part):
@@ -216,6 +220,8 @@ class AlignmentRecord(Made):
     ty_um: float
     rms_um: float
     fiducials: tuple[Aligned, ...]
+    board_id: str | None = None
+    """Which board it was, if the client said so."""
     limits: AlignmentLimits = AlignmentLimits()
 
 

@@ -20,6 +20,8 @@ from daemon.domain.board import Board
 from daemon.domain.errors import Fault, FaultCode
 from daemon.platform.atomic_file import flush_folder, written_beside
 from daemon.platform.clock import utc_now
+from daemon.storage import alignment_void
+from daemon.storage.calibration_conditions import Conditions
 from daemon.storage.calibration_history import History, Kept
 from daemon.storage.calibration_in_force import (
     OF_THE_PROBE,
@@ -61,7 +63,19 @@ class Calibrations:
     def load(self) -> None:
         """Read what is there. A missing file is simply not calibrated yet; of an unusable one it is said why."""
         with self._writing:
-            self.in_force = read_in_force(self.folder, self.in_force.station)
+            self.in_force = read_in_force(self.folder, self.in_force.station, self.in_force.conditions)
+
+    def fit_to(self, conditions: Conditions) -> None:
+        """Take over what the station is set to, and read again what was measured for just that."""
+        with self._writing:
+            self.in_force = read_in_force(self.folder, self.in_force.station, conditions)
+
+    def void_alignment(self, why: str) -> None:
+        """Use no alignment, and allow no correction, until one passes; on disk first. Raises OSError."""
+        with self._writing:
+            record = self.in_force.records.get("alignment")
+            alignment_void.void(self.folder, record.made_at if record is not None else "", why)
+            self.in_force = self.in_force.without_alignment(why)
 
     def store(self, record: Record) -> Path | None:
         """Put a record on disk and in force; return where the one it replaces is kept, if there was one.
@@ -79,6 +93,8 @@ class Calibrations:
             self._history.prune(record.what)
             if record.what == "rotation":
                 self._end_run()
+            if record.what == "alignment":
+                self._end_void()
             return kept.path if kept else None
 
     def store_probe(self, model: ProbeModel) -> None:
@@ -130,6 +146,13 @@ class Calibrations:
         except OSError as exc:
             log.warning("run_not_forgotten", why=str(exc))
 
+    def _end_void(self) -> None:
+        """Forget that the alignment before this one was void; if that stays written, it is not of this one."""
+        try:
+            alignment_void.forget(self.folder)
+        except OSError as exc:
+            log.warning("void_not_forgotten", why=str(exc))
+
     # --- asking -----------------------------------------------------------------------------------------------
 
     @property
@@ -179,6 +202,15 @@ class Calibrations:
     def alignment(self, board: Board) -> AlignmentRecord | None:
         """Return where the board was seen to lie, if it is this board."""
         return self.in_force.alignment(board)
+
+    def require_board(self, board: Board, board_id: str | None) -> None:
+        """Raise `Fault` if the board in the nest, by its id if the client gave one, has to be aligned first."""
+        now = self.in_force
+        if now.void is not None:
+            raise Fault(FaultCode.NOT_ALIGNED, f"no correction before the board is aligned: {now.void}")
+        aligned = now.alignment(board)
+        if board_id is not None and (aligned is None or aligned.board_id != board_id):
+            raise Fault(FaultCode.NOT_ALIGNED, f"board {board_id} has not been aligned", board_id=board_id)
 
     def require_probe(self) -> ProbeModel:
         """Return the taught probe or say that there is none."""

@@ -3,6 +3,9 @@
 One writer thread owns the connection, so the event loop never waits for the disk and writes keep their order. WAL with
 synchronous=FULL: what was acknowledged survives a power cut. `seq` numbers every published event; numbers are handed
 out from reserved blocks, so that they never repeat, not even after a crash.
+
+A journal that cannot be written is in trouble and says so; `check` tries to go on when there is room again. One that
+was deleted or replaced waits for `mend`, for what it held may be lost.
 """
 
 from __future__ import annotations
@@ -12,6 +15,7 @@ import json
 import sqlite3
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -20,18 +24,25 @@ import structlog
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.results import JobResult
 from daemon.platform.clock import utc_now
-from daemon.storage.journal_schema import close_file, is_damage, open_file, set_meta
+from daemon.storage.event_numbers import BLOCK, SPARE, EventNumbers
+from daemon.storage.journal_file import FileLost, JournalFile
+from daemon.storage.journal_schema import BUSY_MS, is_damage, set_meta
+from daemon.storage.pinned_state import PinnedState
 
-log = structlog.get_logger(__name__)
-SEQ_BLOCK = 1000
+SEQ_BLOCK = BLOCK
 JOBS_KEPT = 200_000
 REPORTS_KEPT = 50_000
 ALERTS_KEPT = 10_000
 TRIM_EACH = 2_000
 """At most so many rows of a table go at once: the writer thread must not be held up."""
-ROOM, ROOM_BYTES = "room", 1_000_000
-"""Name and size of what is written to see whether the disk has room again."""
+NEXT_SEQ = "next_seq"
+PINNED = frozenset({"reference_doubt"})
+"""Things kept that a full disk must not keep out; they must be small."""
+LOST_ADVICE = "`reset` writes the journal to its place again; find out who deleted or replaced it"
+FULL_ADVICE = "free disk space; the daemon goes on by itself"
+DAMAGE_ADVICE = "`reset` moves the damaged file aside and begins a new journal"
 T = TypeVar("T")
+log = structlog.get_logger(__name__)
 
 
 class StoredJob(NamedTuple):
@@ -44,81 +55,183 @@ class StoredJob(NamedTuple):
 class Journal:
     """Keep and find again. Open with `Journal.open`; every method may be awaited from one event loop."""
 
-    def __init__(self, db: sqlite3.Connection, writer: ThreadPoolExecutor, next_seq: int) -> None:
-        self._db = db
-        self._writer = writer
-        self._next_seq = next_seq
-        self._reserved = next_seq
-        self.moved_to: Path | None = None
-        """Where a predecessor that could not be read was put, None if there was none."""
-        self.moved_because = ""
-        self._damaged = False
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._file = JournalFile(path)
+        self._pinned = PinnedState(path.with_suffix(".pinned"))
+        self._writer = ThreadPoolExecutor(max_workers=1, thread_name_prefix="journal")
+        self._numbers = EventNumbers()
+        self._reserving: asyncio.Task[None] | None = None
+        self._trouble: Fault | None = None
+        self._goes_on_by_itself = True
+        self.troubled = asyncio.Event()
+        """Set when trouble begins; who looks after the journal waits for it and clears it."""
 
     @classmethod
     async def open(cls, path: Path) -> Journal:
-        """Open or create the journal; raise `Fault` if it cannot be used.
+        """Open or create the journal; one that cannot be written is in trouble: see `trouble`.
 
-        A damaged file is moved aside and a new one begun: see `moved_to`. One of a newer version is refused.
+        A damaged file is moved aside and a new one begun: see `moved_to`. One of a newer version is refused: `Fault`.
         """
-        writer = ThreadPoolExecutor(max_workers=1, thread_name_prefix="journal")
+        journal = cls(path)
         try:
-            opened = await asyncio.get_running_loop().run_in_executor(writer, open_file, path)
-        except (sqlite3.Error, OSError) as exc:
-            writer.shutdown()
-            newer = isinstance(exc, sqlite3.NotSupportedError)
-            advice = (
-                "install the newer program again, or move the file aside to begin a new journal"
-                if newer
-                else "see that the folder is the service's own and the disk is not full"
-            )
+            await journal._in_writer(journal._open)
+        except sqlite3.NotSupportedError as exc:
+            journal._writer.shutdown()
+            advice = "install the newer program again, or move the file aside to begin a new journal"
             raise Fault(FaultCode.JOURNAL_FAILED, f"{path}: {exc}", advice=advice) from exc
-        journal = cls(opened.db, writer, opened.next_seq)
-        journal.moved_to, journal.moved_because = opened.moved_to, opened.why
+        await journal.reserve_seqs()
         return journal
 
-    async def close(self) -> None:
-        """Give unused numbers back, write all and close; a file found damaged is left to be looked through.
-
-        On a full disk the numbers are not given back, and nothing else is lost.
-        """
+    def _open(self) -> None:
+        with suppress(OSError):
+            self._pinned.load()
+        self._numbers.begin(int(self._pinned.get(NEXT_SEQ) or 0))
         try:
-            if self._damaged:
-                await self._run(lambda db: db.close())
-                return
-            try:
-                await self._run(lambda db: set_meta(db, "next_seq", self._next_seq))
-                await self._run(close_file)
-            except Fault as disk:
-                log.error("journal_not_closed_in_order", error=disk.message)
-                await self._run(lambda db: db.close())
+            self._file.open()
+        except sqlite3.NotSupportedError:
+            raise
+        except (sqlite3.Error, OSError) as exc:
+            self._note_trouble(exc)
+            with suppress(sqlite3.Error):
+                self._file.open_to_read()
+        self._numbers.begin(self._file.first_seq)
+
+    async def close(self) -> None:
+        """Give unused numbers back, write all and close; a file found damaged is left to be looked through."""
+        if self._reserving is not None:
+            await self._reserving
+        try:
+            await self._in_writer(self._close)
         finally:
             self._writer.shutdown()
+
+    def _close(self) -> None:
+        try:
+            self._write_down(self._numbers.upcoming)
+            self._file.close()
+        except (sqlite3.Error, OSError) as exc:
+            log.error("journal_not_closed", error=str(exc))
+
+    # --- trouble ----------------------------------------------------------------------------------------------
+
+    @property
+    def trouble(self) -> Fault | None:
+        """What keeps the journal from being written, None while it is well."""
+        return self._trouble
+
+    @property
+    def moved_to(self) -> Path | None:
+        """Where a predecessor that could not be read was put, None if there was none."""
+        return self._file.moved_to
+
+    @property
+    def moved_because(self) -> str:
+        """Why it was put there."""
+        return self._file.moved_because
+
+    async def check(self) -> Fault | None:
+        """Look whether the journal is in its place and has room; in trouble, try to go on. Return what is wrong."""
+        if self._trouble is None:
+            with suppress(Fault):
+                await self._run(lambda _db: self._file.require_room())
+            if self._trouble is None:
+                return None
+        if self._goes_on_by_itself:
+            await self._try(self._file.go_on)
+        else:
+            with suppress(sqlite3.Error, OSError):
+                await self._in_writer(self._file.rescue)
+        return self._trouble
+
+    async def mend(self) -> Fault | None:
+        """Do what a person's `reset` asks for: put back what was deleted, begin again where it is damaged."""
+        if self._trouble is not None:
+            await self._try(self._file.mend)
+        return self._trouble
+
+    async def _try(self, way: Callable[[], None]) -> None:
+        """Leave the trouble if one way out of it succeeds."""
+        try:
+            await self._in_writer(way)
+        except (sqlite3.Error, OSError) as exc:
+            self._note_trouble(exc)
+            return
+        self._numbers.begin(self._file.first_seq)
+        self._trouble, self._goes_on_by_itself = None, True
+        await self.reserve_seqs()
+
+    def _note_trouble(self, exc: Exception) -> Fault:
+        """Remember what is wrong; the first cause stays, unless the file was lost or is damaged."""
+        damaged = isinstance(exc, sqlite3.Error) and is_damage(exc)
+        by_itself = not (isinstance(exc, FileLost) or damaged)
+        advice = FULL_ADVICE if by_itself else DAMAGE_ADVICE if damaged else LOST_ADVICE
+        fault = Fault(FaultCode.JOURNAL_FAILED, f"the journal cannot be written: {exc}"[:300], advice=advice)
+        if self._trouble is None or (self._goes_on_by_itself and not by_itself):
+            self._trouble, self._goes_on_by_itself = fault, by_itself
+            log.error("journal_in_trouble", error=str(exc), advice=advice)
+        return fault
+
+    # --- numbers ----------------------------------------------------------------------------------------------
 
     async def reserve_seqs(self) -> None:
         """Write ahead that a block of event numbers is taken, so that none is ever given twice.
 
-        Called before each job and with each heartbeat, between which far fewer than half a block are used.
+        Done before each job, with each heartbeat, and whenever half a block is used. Never raises: what cannot be
+        written is not reserved, and no number beyond is given.
         """
-        if self._next_seq + SEQ_BLOCK // 2 >= self._reserved:
-            reserved = self._next_seq + SEQ_BLOCK
-            await self._run(lambda db: set_meta(db, "next_seq", reserved))
-            self._reserved = reserved
+        end = self._numbers.wanted
+        if end is not None and self._numbers.upcoming > 0 and await self._in_writer(lambda: self._write_down(end)):
+            self._numbers.reserved(end)
+
+    def _write_down(self, next_seq: int) -> bool:
+        """Write the first free number to both places it is looked for; return whether one of them has it."""
+        written = False
+        try:
+            self._pinned.store(NEXT_SEQ, next_seq)
+            written = True
+        except OSError as exc:
+            log.warning("numbers_not_pinned", error=str(exc))
+        if self._file.is_writable:
+            try:
+                self._file.do(lambda db: set_meta(db, "next_seq", next_seq))
+                written = True
+            except (sqlite3.Error, OSError) as exc:
+                self._note_trouble(exc)
+        return written
 
     def take_seq(self) -> int:
-        """Return the next event number."""
-        seq = self._next_seq
-        self._next_seq += 1
-        return seq
+        """Return the next event number; raise `Fault` if none is reserved. A block that gets short is followed up."""
+        if self._numbers.wanted is not None and (self._reserving is None or self._reserving.done()):
+            self._reserving = asyncio.create_task(self.reserve_seqs(), name="event numbers")
+        return _number(self._numbers.take(SPARE))
+
+    def lend_seq(self) -> int:
+        """Return the number for an event that has yet to be written; `settle_seq` says whether it was."""
+        return _number(self._numbers.lend())
+
+    def settle_seq(self, *, used: bool) -> None:
+        """Keep the number that was lent, or take it back; until then nobody may take another."""
+        self._numbers.settle(used=used)
 
     @property
     def upcoming_seq(self) -> int:
         """The number the next event will carry."""
-        return self._next_seq
+        return self._numbers.upcoming
+
+    # --- jobs -------------------------------------------------------------------------------------------------
 
     async def add_job(self, job_id: str, op: str, request: str) -> None:
         """Write a job down before anything is done for it."""
         row = (job_id, op, request, utc_now())
-        await self._run(lambda db: db.execute("INSERT INTO jobs(id, op, request, received_at) VALUES (?,?,?,?)", row))
+
+        def write(db: sqlite3.Connection) -> None:
+            self._file.require_room()  # for its looks and its result, too
+            db.execute("INSERT INTO jobs(id, op, request, received_at) VALUES (?,?,?,?)", row)
+
+        if self._trouble is not None:
+            raise self._trouble
+        await self._run(write)
 
     async def add_step(self, job_id: str, kind: str, body: dict[str, Any]) -> None:
         """Write down one look or move of a job."""
@@ -209,20 +322,29 @@ class Journal:
         return [(n, at, touches, job, json.loads(body)) for n, at, touches, job, body in rows]
 
     async def keep(self, key: str, body: dict[str, Any]) -> None:
-        """Keep one thing under a name, instead of what was kept there; `body` must not change meanwhile."""
+        """Keep one thing under a name, instead of what was kept there; `body` must not change meanwhile.
+
+        What is pinned counts as kept even if the journal cannot be written.
+        """
+        if key in PINNED and await self._pin(key, body):
+            return
         sql = "INSERT INTO kept VALUES (?, ?) ON CONFLICT(key) DO UPDATE SET body=excluded.body"
         await self._run(lambda db: db.execute(sql, (key, json.dumps(body))))
 
-    async def try_room(self) -> None:
-        """Write and remove as much as a job may need: raise `Fault` if the disk has no room for it.
-
-        Something small may find room in pages that are free by chance, where the next job then finds none.
-        """
-        await self.keep(ROOM, {"filler": "x" * ROOM_BYTES})
-        await self._run(lambda db: db.execute("DELETE FROM kept WHERE key=?", (ROOM,)))
+    async def _pin(self, key: str, body: dict[str, Any]) -> bool:
+        """Keep one thing in place; return whether that was possible."""
+        try:
+            await self._in_writer(lambda: self._pinned.store(key, body))
+        except OSError as exc:
+            log.warning("not_pinned", key=key, error=str(exc))
+            return False
+        return True
 
     async def kept(self, key: str) -> dict[str, Any] | None:
         """Return what is kept under a name; None for nothing, or for what cannot be read."""
+        pinned = self._pinned.get(key) if key in PINNED else None
+        if isinstance(pinned, dict):
+            return pinned
         row = await self._run(lambda db: db.execute("SELECT body FROM kept WHERE key=?", (key,)).fetchone())
         try:
             body = json.loads(row[0]) if row else None
@@ -235,15 +357,38 @@ class Journal:
 
         Touches are still counted when their reports are gone. An id whose job is gone is taken for a new one.
         """
-        return await self._run(lambda db: _trim(db, measurements_kept))
+        gone = await self._run(lambda db: _trim(db, measurements_kept))
+        await self._run(_work_off_wal)
+        return gone
 
     async def _run(self, work: Callable[[sqlite3.Connection], T]) -> T:
-        """Do `work` in the writer thread; a failing disk is a `Fault`."""
+        """Do `work` in the writer thread; a failing disk is a `Fault`, and trouble."""
         try:
-            return await asyncio.get_running_loop().run_in_executor(self._writer, work, self._db)
-        except sqlite3.Error as exc:
-            self._damaged = self._damaged or is_damage(exc)
+            return await self._in_writer(lambda: self._file.do(work))
+        except sqlite3.IntegrityError as exc:
             raise Fault(FaultCode.JOURNAL_FAILED, f"the journal answers: {exc}") from exc
+        except (sqlite3.Error, OSError) as exc:
+            fault = self._note_trouble(exc)
+            self.troubled.set()
+            raise fault from exc
+
+    async def _in_writer(self, work: Callable[[], T]) -> T:
+        return await asyncio.get_running_loop().run_in_executor(self._writer, work)
+
+
+def _number(found: int | None) -> int:
+    if found is None:
+        raise Fault(FaultCode.JOURNAL_FAILED, "no event number is reserved, and none can be while the disk is full")
+    return found
+
+
+def _work_off_wal(db: sqlite3.Connection) -> None:
+    """Put into the file what is in its write-ahead log, and empty that, unless somebody reads just now."""
+    db.execute("PRAGMA busy_timeout=0")
+    try:
+        db.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
+    finally:
+        db.execute(f"PRAGMA busy_timeout={BUSY_MS}")
 
 
 def _trim(db: sqlite3.Connection, measurements_kept: int) -> int:

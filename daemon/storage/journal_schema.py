@@ -14,7 +14,11 @@ from pathlib import Path
 
 import structlog
 
+from daemon.platform.oldest import drop_oldest
+
 SCHEMA_VERSION = 2
+BUSY_MS = 5000
+"""How long a write waits for somebody else's."""
 BASE_TABLES = """
 CREATE TABLE meta (key TEXT PRIMARY KEY, value INTEGER NOT NULL) STRICT;
 CREATE TABLE jobs (
@@ -45,6 +49,8 @@ CREATE INDEX alerts_at ON alerts(at);
 """,
 }
 """Version -> what makes the next one of it."""
+CORRUPT_KEPT, CORRUPT_BYTES = 5, 500_000_000
+"""Journals that were moved aside: so many are kept, and not more than this together."""
 _UNREADABLE = frozenset({sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB})
 _OPEN = "open"
 log = structlog.get_logger(__name__)
@@ -101,13 +107,19 @@ def move_aside(path: Path) -> Path:
         beside = path.with_name(path.name + tail)
         if beside.exists():
             beside.replace(moved.with_name(moved.name + tail))
+    moved.touch()  # the newest of its kind, however old its last row
+    for old in drop_oldest(
+        path.parent, f"{path.stem}-corrupt-*{path.suffix}", keep=CORRUPT_KEPT, keep_bytes=CORRUPT_BYTES
+    ):
+        for tail in ("-wal", "-shm"):
+            old.with_name(old.name + tail).unlink(missing_ok=True)
     return moved
 
 
 def _connect(path: Path) -> tuple[sqlite3.Connection, int]:
     """Open the file, make or check its tables; return the connection and the first free event number."""
     # Only the writer thread uses the connection; close() comes through it too.
-    db = sqlite3.connect(path, isolation_level=None, timeout=5.0, check_same_thread=False)
+    db = sqlite3.connect(path, isolation_level=None, timeout=BUSY_MS / 1e3, check_same_thread=False)
     try:
         return db, _prepare(db)
     except BaseException as exc:

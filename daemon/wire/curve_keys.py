@@ -21,6 +21,7 @@ import zmq
 from daemon.domain.roles import ROLES, Role
 from daemon.platform.atomic_file import replace_whole
 from daemon.platform.clock import utc_now
+from daemon.platform.plain_file import read_small
 
 SERVER_FILE, CLIENTS, REVOKED = "server.key", "clients", "revoked"
 PRIVATE, FOLDER, PUBLIC = 0o600, 0o700, 0o644
@@ -177,10 +178,10 @@ def _write(path: Path, mode: int, head: str, **fields: str) -> None:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(read_small(path).decode())
     except OSError as exc:
         raise KeyTrouble(f"{path}: {exc.strerror}", "give the file `reprobe keys new` wrote") from exc
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as exc:
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as exc:
         raise KeyTrouble(f"{path} is no key file: {exc}", "make the key anew by `reprobe keys new`") from exc
 
 

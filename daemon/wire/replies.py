@@ -18,13 +18,14 @@ from daemon.wire.requests import WIRE_VERSION
 class AnyReply(BaseModel):
     """What every reply carries, good or bad."""
 
-    # Not frozen: the socket fills in `id` and `version` on its way out.
+    # Not frozen: the socket fills in `id`, `tag` and `version` on its way out.
     model_config = ConfigDict(extra="ignore")
-    ABSENT: ClassVar[frozenset[str]] = frozenset({"id"})
+    ABSENT: ClassVar[frozenset[str]] = frozenset({"id", "tag"})
     """Fields that are left out where they are None."""
 
     v: Literal[1] = WIRE_VERSION
     id: str | None = Field(default=None, description="the request's id; left out where it had none")
+    tag: str | None = Field(default=None, description="the request's tag; left out where it had none")
     version: str = Field(default="", description="of the daemon's program")
 
     def to_json(self) -> bytes:

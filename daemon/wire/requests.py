@@ -1,21 +1,32 @@
 """Base of all requests: the wire's version, types of their fields, and what every request carries.
 
-A request is one JSON object `{"v": 1, "op": ..., ...}`; unknown fields are refused by name. The request of each
+A request is one JSON object `{"v": 1, "op": ..., ...}`; unknown fields are refused by name, and so is a value of
+another JSON type than the field's: `true` and `"5000"` are no numbers, `"yes"` is no boolean. The request of each
 operation stands beside its row in `daemon.wire.operations`. Lengths are um, angles degrees, times ms, as the names say.
 """
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 WIRE_VERSION: Literal[1] = 1
 VERSIONS: tuple[int, ...] = (WIRE_VERSION,)
 """All versions this daemon speaks; `describe` and the refusal of any other list them."""
 
+MAX_TAG = 128
+"""Letters of a tag at most."""
 Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[\w.+:/@#-]+$")]
 JobId = Annotated[str, Field(min_length=1, max_length=128, description="the caller's idempotency key")]
+
+
+def whole(value: Any) -> Any:
+    """Return a number that is written with a point, but is whole, as JSON has it: `5.0` is an integer."""
+    return int(value) if type(value) is float and value.is_integer() else value
+
+
+Whole = Annotated[int, BeforeValidator(whole)]
 Px = Annotated[float, Field(ge=-1e5, le=1e5, allow_inf_nan=False)]
 Um = Annotated[float, Field(ge=-1e7, le=1e7, allow_inf_nan=False)]
 
@@ -23,9 +34,16 @@ Um = Annotated[float, Field(ge=-1e7, le=1e7, allow_inf_nan=False)]
 class Request(BaseModel):
     """What every request carries."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
     v: Literal[1] = Field(default=WIRE_VERSION, description="version of the wire")
+    # Never written out: it is no part of what is asked, so that the same id with another tag is the same request.
+    tag: str | None = Field(
+        default=None,
+        max_length=MAX_TAG,
+        exclude=True,
+        description="any text; the answer carries it, so that it can be told apart",
+    )
     deadline_ms: float | None = Field(
         default=None,
         allow_inf_nan=False,

@@ -55,8 +55,12 @@ class RunningCamera:
         # One for each thread: a thread that was left behind must not come to life again.
         self._stop = threading.Event()
         opened: Future[None] = Future()
-        self._thread = threading.Thread(target=self._run, args=(opened, self._stop), name="camera", daemon=True)
-        self._thread.start()
+        thread = threading.Thread(target=self._run, args=(opened, self._stop), name="camera", daemon=True)
+        try:
+            thread.start()
+        except RuntimeError as exc:
+            raise CameraError(f"its thread does not start: {exc}", device=self.config.device) from exc
+        self._thread = thread
         try:
             async with asyncio.timeout(deadline.remaining_s):
                 await asyncio.wrap_future(opened)
@@ -125,34 +129,68 @@ class RunningCamera:
 
     # ------------------------------------------------------------------ the thread
     def _run(self, opened: "Future[None]", stop: threading.Event) -> None:
-        """Grab until told to stop; open again with back-off after a failure."""
+        """Grab until told to stop; open again with back-off after a failure, whatever it was."""
         backoff_s = self.config.backoff_s
-        first = True
         while not stop.is_set():
-            source = self._make_source()
-            try:
-                self._settings = source.open()
-                if first:
-                    first = False
-                    if not opened.set_running_or_notify_cancel():
-                        return  # the opener gave up
-                    opened.set_result(None)
-                else:
-                    self._count(reopened=1)
-                self._grab_until_trouble(source, stop)
-                backoff_s = self.config.backoff_s
-            except CameraError as exc:
-                if first:
-                    if opened.set_running_or_notify_cancel():
-                        opened.set_exception(exc)
-                    return
+            worked, exc = self._one_opening(opened, stop)
+            if exc is not None and not opened.done():
+                if opened.set_running_or_notify_cancel():
+                    opened.set_exception(exc)
+                return
+            if opened.cancelled():
+                return  # the opener gave up
+            if exc is not None:
                 self._note(exc)
-            finally:
-                source.close()
+            if worked:
+                backoff_s = self.config.backoff_s
             stop.wait(backoff_s)
             backoff_s = min(2 * backoff_s, self.config.backoff_max_s)
         if stop is self._stop:
             self._refuse_all(CameraError("was closed", device=self.config.device))
+
+    def _one_opening(self, opened: "Future[None]", stop: threading.Event) -> tuple[bool, CameraError | None]:
+        """Open the camera, grab until told to stop or until something fails, and close it.
+
+        Returns whether a picture came, and what failed. Never raises: a library's error, or one in this module, is
+        trouble with the camera like any other; a thread that died of it would leave a camera that looks open.
+        """
+        before = self._statistics.grabbed
+        source: Source | None = None
+        trouble: CameraError | None = None
+        try:
+            source = self._make_source()
+            self._settings = source.open()
+            if self._tell_opened(opened):
+                self._grab_until_trouble(source, stop)
+        except Exception as exc:  # noqa: BLE001  # see above
+            trouble = self._as_trouble(exc)
+        try:
+            if source is not None:
+                source.close()
+        except Exception as exc:  # noqa: BLE001  # see above
+            trouble = trouble or self._as_trouble(exc)
+        return self._statistics.grabbed > before, trouble
+
+    def _tell_opened(self, opened: "Future[None]") -> bool:
+        """Answer the opener, the first time; return False if it gave up."""
+        if opened.done():
+            if not opened.cancelled():
+                self._count(reopened=1)
+            return not opened.cancelled()
+        if not opened.set_running_or_notify_cancel():
+            return False
+        opened.set_result(None)
+        return True
+
+    def _as_trouble(self, exc: Exception) -> CameraError:
+        """Return the camera's error that stands for whatever was raised in the thread."""
+        if isinstance(exc, CameraError):
+            return exc
+        level = self._log.debug if self._outage else self._log.error
+        level("camera.unexpected", exc_info=exc)
+        trouble = CameraError(f"{type(exc).__name__}: {exc}", device=self.config.device)
+        trouble.__cause__ = exc
+        return trouble
 
     def _grab_until_trouble(self, source: Source, stop: threading.Event) -> None:
         last: int | None = None

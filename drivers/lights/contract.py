@@ -24,5 +24,8 @@ class Lights(Protocol):
     async def set(self, light: Light, deadline: Deadline) -> None:
         """Switch; returns when the relay has confirmed it. Raises LightError or LinkError."""
 
+    async def check(self, deadline: Deadline) -> None:
+        """Raise LightError unless the relay still shows what it was told last; one that says nothing is believed."""
+
     async def close(self) -> None:
         """Go dark and let go of the hardware. Raises when it cannot go dark."""

@@ -27,6 +27,7 @@ class ModbusRelayLights:
         self._white_first = white_coil < red_coil
         self._settle_s = settle_s
         self._switching = asyncio.Lock()
+        self._told: tuple[Light, tuple[bool, bool]] | None = None
         bus.label(address, "lights")
 
     @classmethod
@@ -56,19 +57,38 @@ class ModbusRelayLights:
         coils = wanted if self._white_first else wanted[::-1]
         async with self._switching:
             try:
+                # Until the board has confirmed it, nothing is known of it.
+                self._told = None
                 await self._bus.write_coils(self._address, self._first, coils, deadline)
                 seen = await self._bus.read_coils(self._address, self._first, 2, deadline)
-            except LightError:
-                raise
             except DeviceError as exc:
-                text = f"cannot switch to {light.value}: {exc}"
-                failed = LightError(text, device="lights", advice=exc.advice)
-                failed.exception = exc.exception
-                raise failed from exc
+                raise _failed(f"cannot switch to {light.value}", exc) from exc
+            if seen != coils:
+                text = f"switched to {light.value}, but the coils from {self._first} read {seen}"
+                raise LightError(text, device="lights")
+            self._told = light, coils
+
+    async def check(self, deadline: Deadline) -> None:
+        """Read the coils back; raise LightError when somebody else, or a reset of the board, has switched them."""
+        async with self._switching:
+            if self._told is None:
+                return
+            light, coils = self._told
+            try:
+                seen = await self._bus.read_coils(self._address, self._first, 2, deadline)
+            except DeviceError as exc:
+                raise _failed("does not tell its state", exc) from exc
         if seen != coils:
-            text = f"switched to {light.value}, but the coils from {self._first} read {seen}"
+            text = f"was told {light.value}, but by now the coils from {self._first} read {seen}"
             raise LightError(text, device="lights")
 
     async def close(self) -> None:
         """Go dark, also when the caller is cancelled; the bus stays open for its other slaves."""
         await finish(self.set(Light.OFF, Deadline.after(_CLOSE_S)))
+
+
+def _failed(what: str, cause: DeviceError) -> LightError:
+    """Return the lamps' error that stands for the bus' own."""
+    failed = LightError(f"{what}: {cause}", device="lights", advice=cause.advice)
+    failed.exception = cause.exception
+    return failed

@@ -99,6 +99,9 @@ class SerialRelayLights:
             except (OSError, RuntimeError) as exc:
                 raise LightError(f"cannot switch to {light.value}: {exc}", device="lights") from exc
 
+    async def check(self, deadline: Deadline) -> None:
+        """Do nothing: this relay cannot be asked; the picture tells."""
+
     def _send(self, commands: list[bytes]) -> None:
         for data in commands:
             self._port.write(data)

@@ -64,6 +64,40 @@ def test_seeing_trouble_is_named_and_nothing_moves(
     assert rig.truth()["axes"] == before
 
 
+def test_a_lamp_that_stays_on_after_a_job_is_a_fault_until_it_is_dark(rig: Rig, client: Client) -> None:
+    client.job("place", test_point="TP4", theta_deg=10.0)
+    client.request("look", id=f"stuck-{time.monotonic_ns()}")
+    rig.until(lambda _truth: _lit(rig), "no lamp was ever switched on")
+    with rig.fault("relay_stuck"):
+        _wait_for_state(client, "fault")
+        assert client.request("status")["fault"]["name"] == "light_failed"
+        refused = client.raw(b'{"op": "reset"}', timeout_s=60.0)
+        assert refused["error"]["name"] == "light_failed", "its coils say that it is dark"
+        assert client.request("status")["fault"]["name"] == "light_failed"
+    assert client.raw(b'{"op": "reset"}', timeout_s=60.0)["ok"]
+    assert client.job("correct", test_point="TP4").ok
+
+
+def _lit(rig: Rig) -> bool:
+    """Whether the last thing a lamp was told is to be on, by the truth log."""
+    on: dict[str, bool] = {}
+    for line in (rig.places.out / "truth.jsonl").read_text().splitlines():
+        said = json.loads(line)
+        if said["event"] == "light":
+            on[said["lamp"]] = said["on"]
+    return any(on.values())
+
+
+@pytest.mark.parametrize("fault", ["silent", "black"])
+def test_a_reset_after_the_camera_was_away_leaves_it_working(rig: Rig, client: Client, fault: str) -> None:
+    client.job("place", test_point="TP4", theta_deg=10.0)
+    with rig.fault(fault):
+        assert _error(client) == "camera_failed"
+    client.request("reset", timeout_s=60.0)
+    for _ in range(3):
+        assert client.job("correct", test_point="TP4").ok
+
+
 def test_a_recognition_fault_clears_itself(rig: Rig, client: Client) -> None:
     client.job("place", test_point="TP4", theta_deg=10.0)
     with rig.fault("dead_lamp", lamp="white"):

@@ -7,11 +7,12 @@ import re
 import shutil
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import pytest
 import zmq
@@ -77,6 +78,56 @@ def test_the_readmes_client_in_node_does_what_it_says(rig: Rig, client: Client, 
     (node / "tester.js").write_text(_readme("js", rig.control))
     done = _run("node", "tester.js", folder=node)
     assert SAYS.fullmatch(done.stdout), done.stderr
+
+
+class Forgetful:
+    """A daemon that is killed before it answers: it hears every request, and answers from the second on."""
+
+    def __init__(self, endpoint: str) -> None:
+        self.heard: list[dict[str, Any]] = []
+        self._context = zmq.Context()
+        self._socket = self._context.socket(zmq.ROUTER)
+        self._socket.bind(endpoint)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._serve)
+        self._thread.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        self._thread.join()
+        self._socket.close(linger=0)
+        self._context.term()
+
+    def _serve(self) -> None:
+        result = {"outcome": "corrected", "error_before_um": 181.0, "error_after_um": 9.0, "error": None}
+        while not self._stop.is_set():
+            if self._socket.poll(20):
+                *route, body = self._socket.recv_multipart()
+                self.heard.append(json.loads(body))
+                if len(self.heard) > 1:
+                    self._socket.send_multipart([*route, json.dumps({"ok": True, "result": result}).encode()])
+
+
+def test_the_readmes_client_in_python_asks_again_with_the_same_id(tmp_path: Path) -> None:
+    endpoint = f"ipc://{tmp_path}/control"
+    with Forgetful(endpoint) as station:
+        done = _run(sys.executable, "-c", _readme("python", endpoint).replace("5_000", "500"), folder=tmp_path)
+    assert SAYS.fullmatch(done.stdout), done.stderr
+    assert len(station.heard) >= 2
+    assert all(request == station.heard[0] for request in station.heard)
+
+
+def test_the_readmes_client_in_node_asks_again_with_the_same_id(tmp_path: Path, node: Path) -> None:
+    endpoint = f"ipc://{tmp_path}/control"
+    with Forgetful(endpoint) as station:
+        (node / "again.js").write_text(_readme("js", endpoint).replace("5000", "500"))
+        done = _run("node", "again.js", folder=node)
+    assert SAYS.fullmatch(done.stdout), done.stderr
+    assert len(station.heard) >= 2
+    assert all(request == station.heard[0] for request in station.heard)
 
 
 def test_a_dealer_has_many_requests_under_way_and_finds_its_answers_by_id(rig: Rig) -> None:

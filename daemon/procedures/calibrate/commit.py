@@ -17,12 +17,16 @@ import structlog
 from daemon.domain.errors import Fault, FaultCode
 from daemon.jobs.context import JobContext, StationContext
 from daemon.platform.clock import utc_now
+from daemon.platform.oldest import drop_oldest
 from daemon.platform.subprocess import draw
+from daemon.station.conditions import conditions_of
 from daemon.storage.calibration_history import stamp
 from daemon.storage.calibration_records import Record
 from vision import ProbeModel
 
 PAGE_WITHIN_S = 60.0
+PAGES_KEPT, PAGES_BYTES = 50, 200_000_000
+"""Of each kind; any page is drawn again from its record by `reprobe report`."""
 NICER = 10
 _T = TypeVar("_T")
 _R = TypeVar("_R")
@@ -50,6 +54,7 @@ class Began:
             "probe": context.calibrations.fingerprint,
             "seconds": round(time.monotonic() - self.at_s, 2),
             "looks": job.looks - self.looks,
+            "conditions": conditions_of(context.config, context.board),
         }
 
 
@@ -73,6 +78,7 @@ async def keep(job: JobContext, context: StationContext, record: Record) -> dict
     file = context.calibrations.file(record.what)
     page = context.calibrations.folder / "reports" / f"{record.what}-{stamp(record.made_at)}.html"
     drawn = await _draw(file, previous, page)
+    drop_oldest(page.parent, f"{record.what}-*.html", keep=PAGES_KEPT, keep_bytes=PAGES_BYTES)
     paths = {"record": str(file), "report": str(page) if drawn else None, "seconds": record.seconds}
     return paths | _in_force(context, record.what, "new")
 

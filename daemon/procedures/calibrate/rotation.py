@@ -40,15 +40,21 @@ async def calibrate_rotation(job: JobContext, context: StationContext, request: 
     context.calibrations.require_probe()
     await context.station.require_homed(job)
     theta = context.config.axes.theta
-    angles = plan_angles(request.angles, request.every_deg, theta.minimum, theta.maximum)
+    lowest_deg = theta.minimum + context.config.gantry.approach_deg  # below it there is no room to come from below
+    angles = plan_angles(request.angles, request.every_deg, lowest_deg, theta.maximum)
     _check_reach(context, target, angles)
     job.fire(Event.ACCEPTED)
     sequence, began = MoveSequence(job, context), Began.now(job)
     run = RotationRun(sequence, target, await _map(sequence, target, angles[0]), angles, spare_steps=CHECKS)
-    resumed = await run.measure(resume=request.resume)
     prior = context.geometry.head
-    fit = fit_or_refuse(run.measured, request.model)
-    landings = await _try_out(run, fit, between(angles, CHECKS))
+    try:
+        resumed = await run.measure(resume=request.resume)
+        fit = fit_or_refuse(run.measured, request.model)
+        landings = await _try_out(run, fit, between(angles, CHECKS))
+    except Fault as refused:
+        if run.complete and refused.kind is FaultCode.CALIBRATION_FAILED:
+            await run.forget()
+        raise
     record = _record(run, fit, began.facts(job, context), prior, landings)
     kept = await keep(job, context, record)
     return Outcome("calibrated", detail=_told(record) | {"resumed": resumed} | kept)

@@ -17,6 +17,7 @@ from pathlib import Path
 from serial.tools import list_ports
 
 from daemon.config.model import Config
+from daemon.storage.calibration_conditions import AHEAD
 from daemon.storage.calibration_store import Calibrations
 from daemon.tools.doctor.findings import CheckResults
 
@@ -172,8 +173,10 @@ def examine_time(findings: CheckResults, config: Config) -> None:
     calibrations = Calibrations(config.station.data_dir / "calibration", config.station.name)
     calibrations.load()
     latest = max(map(datetime.fromisoformat, calibrations.made_at().values()), default=EARLIEST)
-    findings.judge("date and time", f"{now:%Y-%m-%d %H:%M} UTC", good=now >= max(latest, EARLIEST),
-                   advice=f"set the clock: a calibration was made at {latest:%Y-%m-%d %H:%M}")  # fmt: skip
+    ahead = [f"{what}: {why}" for what, why in calibrations.problems.items() if AHEAD in why]
+    behind = ahead[0] if ahead else f"a calibration was made at {latest:%Y-%m-%d %H:%M}"
+    findings.judge("date and time", f"{now:%Y-%m-%d %H:%M} UTC", good=not ahead and now >= max(latest, EARLIEST),
+                   advice=f"set the clock: {behind}")  # fmt: skip
     synchronized = clock_synchronized()
     if synchronized is not None:
         findings.judge("time from the network", "synchronized" if synchronized else "not synchronized",

@@ -28,7 +28,8 @@ def page(api: type[BaseModel], operations: OperationTable = OPERATIONS) -> str:
     """Return the whole page; `api` is the section of the configuration whose defaults it tells."""
     parts = [
         wire_words.INTRO, wire_words.VERSIONS, f"Versions spoken: {', '.join(map(str, VERSIONS))}.\n",
-        _envelopes(operations), _jobs(operations), wire_words.LATE, wire_words.KEYS, _roles(operations), _limits(api),
+        _envelopes(operations), _jobs(operations), wire_words.ASKING,
+        wire_words.LATE, wire_words.KEYS, _roles(operations), _limits(api),
         "## Operations\n", *(_operation(row, operations) for row in operations.rows),
         "## Events\n", *(_event(topic, model, operations) for topic, model in TOPICS.items()),
         _inner(operations), _errors(),

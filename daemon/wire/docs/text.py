@@ -34,6 +34,21 @@ Without `wait` the reply says that the job was taken; its end comes as the event
 job that was taken has exactly one result, also if the daemon is killed in the middle of it: then it is `interrupted`.
 """
 
+ASKING = """\
+## Waiting for an answer
+
+A request that was on its way when the daemon was killed is lost, and so is an answer: a client waits with a time-out,
+some seconds, and never without. A REQ socket that had no answer can send nothing else: close it (`LINGER` 0), connect
+another, and send the same request again, a job with the same `id`. A job that still runs is then waited for, one that
+has ended is answered with its result, one that the daemon never heard of is taken now; none is done twice. What is no
+job may be sent again as it is, but for `report`, whose `touches` would be counted twice: ask `snapshot` first.
+
+Any request may carry a `tag`; its answer, good or bad, carries the same. So a DEALER tells the answers of requests that
+have no `id` apart, such as `status`, and a late answer from that to a later request. A message that is not read at all
+(no JSON, too large, too many values) has none. Types are strict: `true` and `"5000"` are no numbers, `"yes"` is no
+boolean.
+"""
+
 LATE = """\
 ## Coming late, and being slow
 

@@ -8,9 +8,10 @@ from pydantic import Field
 
 from daemon.domain.results import ErrorBody, JobResult, Told
 from daemon.wire.example_parts import AT, RESULT
+from daemon.wire.limits import MAX_SEQ
 from daemon.wire.operations.row import DefaultDeadline, Operation
 from daemon.wire.replies import Reply
-from daemon.wire.requests import ImmediateRequest, JobId, Request
+from daemon.wire.requests import ImmediateRequest, JobId, Request, Whole
 
 
 class Cancel(Request):
@@ -49,8 +50,8 @@ class Results(Request):
     """Replay results from a seq on."""
 
     op: Literal["results"]
-    since: int = Field(default=0, ge=0, description="first seq wanted")
-    limit: int = Field(default=100, ge=1, le=1000)
+    since: Whole = Field(default=0, ge=0, le=MAX_SEQ, description="first seq wanted")
+    limit: Whole = Field(default=100, ge=1, le=1000)
 
 
 class Running(Told):

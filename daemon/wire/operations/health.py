@@ -9,17 +9,18 @@ from pydantic import ConfigDict, Field
 from daemon.domain.results import Told
 from daemon.wire.events import AlertFacts
 from daemon.wire.example_parts import ALERT, AT
+from daemon.wire.limits import MAX_SEQ
 from daemon.wire.operations.row import DefaultDeadline, Operation
 from daemon.wire.replies import Reply
-from daemon.wire.requests import JobId, Name, Request
+from daemon.wire.requests import JobId, Name, Request, Whole
 
 
 class Alerts(Request):
     """Ask what stands against the station and how every watch of its health stands; replay alerts from a seq on."""
 
     op: Literal["alerts"]
-    since: int = Field(default=0, ge=0, description="first seq wanted")
-    limit: int = Field(default=100, ge=1, le=1000)
+    since: Whole = Field(default=0, ge=0, le=MAX_SEQ, description="first seq wanted")
+    limit: Whole = Field(default=100, ge=1, le=1000)
 
 
 class Acknowledge(Request):
@@ -38,7 +39,7 @@ class Report(Request):
     op: Literal["report"]
     id: JobId | None = Field(default=None, description="the job whose point was tested again")
     retest: Literal["pass", "open"] | None = None
-    touches: int = Field(default=0, ge=0, le=10_000_000, description="touches since the last report")
+    touches: Whole = Field(default=0, ge=0, le=10_000_000, description="touches since the last report")
 
 
 class PastAlert(Told):

@@ -5,31 +5,48 @@ The request carries `id`, the caller's idempotency key.
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Final, Literal, Self
+from typing import Annotated, Any, Final, Literal, Self, TypeVar
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from daemon.domain.results import JobResult
 from daemon.wire.example_parts import RESULT
 from daemon.wire.operations.row import DefaultDeadline, Operation
 from daemon.wire.replies import Reply
-from daemon.wire.requests import JobRequest, Name, Px, Um
+from daemon.wire.requests import JobRequest, Name, Px, Um, Whole, whole
+
+T = TypeVar("T")
+Pair = Annotated[tuple[T, T], Field(strict=False)]
+"""Two numbers. JSON has arrays and no tuples: the array is taken as one, its numbers stay strict."""
+
+_WHICH_BOARD = "which board lies in the nest, a serial number for example; refused (not_aligned) unless it was aligned"
 
 
 class Correct(JobRequest):
-    """Look, move the tip onto the test point, verify."""
+    """Look, move the tip onto the test point, verify.
+
+    The result's `detail` tells the board's height as that of `place` does.
+    """
 
     op: Literal["correct"]
     test_point: Name = Field(description="name of the point over which the head stands, as the board file has it")
+    board_id: Name | None = Field(default=None, description=_WHICH_BOARD)
 
 
 class Place(JobRequest):
-    """Put the tip over a test point or a place, by the head model and the board's nominal pose, at working height."""
+    """Put the tip over a test point or a place, by the head model and the board's nominal pose.
+
+    The needle hovers at working height over the measured surface; where this board's was not measured, above the
+    highest that is possible. In the result's `detail`: `height` (`measured` or `unknown`), `height_um` or
+    `height_within_um`, and `parallax_um`, how far aside a look may see a pad whose height is unknown; `confirmed_by` is
+    `drives`, for nobody looked where the tip is.
+    """
 
     op: Literal["place"]
     test_point: Name | None = None
-    board_um: tuple[Um, Um] | None = Field(default=None, description="instead of a test point: a place, board frame")
+    board_um: Pair[Um] | None = Field(default=None, description="instead of a test point: a place, board frame")
     theta_deg: float = Field(default=0.0, ge=0.0, lt=360.0, allow_inf_nan=False, description="head angle")
+    board_id: Name | None = Field(default=None, description=_WHICH_BOARD)
 
     @model_validator(mode="after")
     def _one_place(self) -> Self:
@@ -47,14 +64,24 @@ class Look(JobRequest):
 
 
 class Align(JobRequest):
-    """See where the board lies: look at three or more fiducials and store the board's pose."""
+    """See where the board lies: look at three or more fiducials and store the board's pose.
+
+    From its first look on the old pose is void: until one passes, no correction is made.
+    """
 
     op: Literal["align"]
-    fiducials: tuple[Name, ...] | None = Field(
+    fiducials: Annotated[tuple[Name, ...], Field(strict=False)] | None = Field(
         default=None, min_length=3, max_length=50, description="round targets; none: the board's fiducials"
     )
     thetas_deg: tuple[Annotated[float, Field(ge=0.0, lt=360.0, allow_inf_nan=False)], ...] = Field(
-        default=(0.0, 180.0), min_length=1, max_length=8, description="head angles from which each is looked at"
+        default=(0.0, 180.0),
+        min_length=1,
+        max_length=8,
+        strict=False,
+        description="head angles from which each is looked at",
+    )
+    board_id: Name | None = Field(
+        default=None, description="which board lies in the nest; later requests may name it, another one is refused"
     )
 
 
@@ -63,20 +90,22 @@ class Calibrate(JobRequest):
 
     op: Literal["calibrate"]
     what: Literal["tip", "map", "rotation", "surface", "backlash"]
-    tip_px: tuple[Px, Px] | None = Field(default=None, description="tip: where the needle's end is in the picture")
+    tip_px: Pair[Px] | None = Field(default=None, description="tip: where the needle's end is in the picture")
     test_point: Name | None = Field(
         default=None, description="map, backlash: the round target to look at; none: the control point"
     )
     theta_deg: float = Field(
         default=0.0, ge=0.0, lt=360.0, allow_inf_nan=False, description="map, surface, backlash: head angle"
     )
-    angles: int | None = Field(default=None, ge=6, le=1000, description="rotation: so many angles, evenly spread")
+    angles: Annotated[int, Field(ge=6, le=1000), BeforeValidator(whole)] | None = Field(
+        default=None, description="rotation: so many angles, evenly spread"
+    )
     every_deg: float | None = Field(
         default=None, ge=0.5, le=45.0, allow_inf_nan=False, description="rotation: instead, an angle at every so many"
     )
     model: Literal["auto", "fourier", "array", "circle"] = Field(default="auto", description="rotation: what to fit")
     resume: bool = Field(default=True, description="rotation: go on where an interrupted run ended")
-    places: int = Field(default=12, ge=4, le=200, description="surface: how many places to touch")
+    places: Whole = Field(default=12, ge=4, le=200, description="surface: how many places to touch")
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
@@ -102,7 +131,7 @@ class Lift(JobRequest):
 class JobReply(Reply):
     """The job was taken; with `wait`, or for an id that is done already, it carries the result."""
 
-    ABSENT = frozenset({"id", "result"})
+    ABSENT = Reply.ABSENT | {"result"}
     accepted: Literal[True] = True
     result: JobResult | None = Field(default=None, description="left out while there is none")
 

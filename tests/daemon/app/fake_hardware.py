@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Awaitable, Callable, Iterable
 from types import SimpleNamespace
 from typing import Any
+
+import numpy as np
+
+from drivers.errors import DeviceError
 
 AXES = ("x", "y", "z", "theta")
 Gate = Callable[[str], Awaitable[None]]
@@ -28,10 +33,18 @@ class FakeHardware:
         self.buses: dict[str, Any] = {}
         self.axes: tuple[Any, ...] = ()
         self.found = {name: SimpleNamespace(fit=True, homed=True) for name in AXES}
-        self.camera = SimpleNamespace(settings=dict, frame_after=self._frame)
+        self.delivered = 0
+        self.lit_level = 5
+        """How bright a picture is that is taken while the lamps are off."""
+        self.settle_s = 0.0
+        self.camera = SimpleNamespace(
+            settings=dict, frame_after=self._frame, open=self._open_camera, close=self._close_camera,
+            statistics=lambda: SimpleNamespace(delivered=self.delivered),
+        )  # fmt: skip
         self.moving = False
+        self.missing_answers = 0
+        self.check_line_s = 0.0
         self.z_um = 12_000.0
-        self.unstopped = False
 
     async def _ask(self, what: str) -> None:
         await self.gate(what)
@@ -59,8 +72,22 @@ class FakeHardware:
         await self._ask("homed")
         return all(self.homed.values())
 
-    async def _frame(self, _since_s: float, _deadline: Any) -> None:
+    async def _frame(self, _since_s: float, _deadline: Any) -> Any:
         await self._ask("frame")
+        self.delivered += 1
+        return SimpleNamespace(pixels=np.full((8, 8, 3), self.lit_level, np.uint8))
+
+    async def _open_camera(self, _deadline: Any) -> None:
+        await self._ask("open camera")
+
+    async def _close_camera(self) -> None:
+        await self._ask("close camera")
+
+    async def stop_again(self) -> None:
+        """Try to stop what may run; it works once no error is set for it."""
+        with contextlib.suppress(DeviceError):
+            await self._ask("stop again")
+            self.gantry.unstopped = ()  # type: ignore[attr-defined]
 
     async def quick_stop(self) -> None:
         await self._ask("quick_stop")
@@ -72,11 +99,6 @@ class FakeHardware:
     async def set(self, _light: Any, _deadline: Any) -> None:
         await self._ask("light")
 
-    async def halt_unstopped(self) -> None:
-        if self.unstopped:
-            await self._ask("halt")
-            self.unstopped = False
-
     async def close(self, _deadline: Any) -> None:
         await self._ask("close")
 
@@ -87,13 +109,16 @@ class FakeGantry:
     def __init__(self, hardware: FakeHardware) -> None:
         self._hardware = hardware
         self.moving = False
+        self.unstopped: tuple[str, ...] = ()
         self.forget_homing = hardware.forget_homing
         self.quick_stop = hardware.quick_stop
-        self.halt_unstopped = hardware.halt_unstopped
         self.position = hardware.position
 
     async def homed(self, _deadline: Any) -> bool:
         return await self._hardware.is_homed()
+
+    async def stop_again(self) -> None:
+        await self._hardware.stop_again()
 
 
 def hardware(gate: Gate = _open) -> FakeHardware:

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
@@ -25,7 +26,7 @@ from daemon.station.needle import NeedlePlace
 from daemon.storage.calibration_store import Calibrations
 from daemon.tools.demo.settings import Places, write_settings
 from daemon.wire.operations.table import OPERATIONS
-from drivers.errors import CameraError, DriveFault, EmergencyStop, LightError, LinkTimeout
+from drivers.errors import CameraError, DeadlinePassed, DriveFault, EmergencyStop, LightError, LinkTimeout
 from tests.daemon.app.fake_hardware import FakeHardware, Gate, hardware
 from tests.daemon.jobs.memory_journal import MemoryJournal
 from tests.daemon.jobs.surroundings import surroundings
@@ -59,8 +60,9 @@ class Station:
         self.opened: list[FakeHardware] = []
         self.open_error: Exception | None = None
         self.began: list[str] = []
+        self.settings = CurrentSettings(config, board)
         self.supervisor = StationSupervisor(
-            CurrentSettings(config, board), self.latch, self.lock, Calibrations(folder / "calibration", "demo"),
+            self.settings, self.latch, self.lock, Calibrations(folder / "calibration", "demo"),
             cast("Any", self.journal), self._open,
         )  # fmt: skip
         self.runner = JobRunner(
@@ -69,6 +71,13 @@ class Station:
                 context=self.supervisor.context, procedures=dict.fromkeys(JOBS, self._procedure),
             )
         )  # fmt: skip
+
+    def check_every(self, seconds: float) -> None:
+        """Have the drives checked at rest that often."""
+        config = self.settings.config
+        often = config.maintenance.model_copy(update={"idle_check_s": seconds})
+        changed = config.model_copy(update={"maintenance": often})
+        self.settings.replace(cast("Any", SimpleNamespace(config=changed, board=self.settings.board)))
 
     async def _open(self, _config: Any, _deadline: Any) -> Any:
         if self.open_error is not None:
@@ -95,6 +104,8 @@ class Station:
 
 class _AnyBoard:
     """A board that has every point."""
+
+    name, side, revision = "any", "top", "1"
 
     def point(self, _name: str) -> None:
         return
@@ -289,6 +300,67 @@ async def test_a_fault_that_the_drives_know_nothing_of_is_asked_for_where_it_is(
     assert station.latch.state is State.IDLE
 
 
+async def test_a_reset_opens_a_camera_again_that_gives_no_picture_whatever_was_latched(station: Station) -> None:
+    await station.supervisor.open()
+    station.latch.latch(Fault(FaultCode.LINK_LOST))
+    station.hardware.errors["frame"] = CameraError("gives no more pictures", device="camera")
+
+    async def gate(what: str) -> None:
+        if what == "open camera":
+            station.hardware.errors.clear()
+
+    station.watch(gate)
+    assert await station.supervisor.reset() is None
+    looked = [what for what in station.hardware.did if "camera" in what or what == "frame"]
+    assert looked[-4:] == ["frame", "close camera", "open camera", "frame"]
+    assert station.latch.state is State.IDLE
+
+
+async def test_a_reset_does_not_end_a_fault_while_the_camera_gives_nothing(station: Station) -> None:
+    await station.supervisor.open()
+    station.latch.latch(Fault(FaultCode.LINK_LOST))
+    station.hardware.errors["frame"] = CameraError("gives no more pictures", device="camera")
+    still = await station.supervisor.reset()
+    assert still is not None
+    assert [cause.kind for cause in station.latch.causes] == [FaultCode.CAMERA_FAILED, FaultCode.LINK_LOST]
+
+
+async def test_a_lamp_that_shines_at_rest_is_a_fault_until_a_picture_is_dark(station: Station) -> None:
+    station.check_every(0.001)
+    await station.supervisor.open()
+    looking = asyncio.create_task(station.supervisor.run())
+    await _until(lambda: station.hardware.delivered == 1)
+    await _until(lambda: station.hardware.did.count("check_health") > 5)
+    assert (station.hardware.delivered, station.latch.state) == (1, State.IDLE), "nobody has used the lamps since"
+    station.hardware.lit_level = 90
+    station.hardware.delivered += 2  # a job took two pictures
+    await _until(lambda: station.latch.fault is not None)
+    looking.cancel()
+    assert station.latch.fault is not None
+    assert station.latch.fault.kind is FaultCode.LIGHT_FAILED
+    still = await station.supervisor.reset()
+    assert still is not None
+    assert still.kind is FaultCode.LIGHT_FAILED
+    station.hardware.lit_level = 5
+    assert await station.supervisor.reset() is None
+    assert station.latch.state is State.IDLE
+
+
+async def test_a_picture_taken_at_rest_is_void_once_a_job_has_begun_and_holds_none_up(station: Station) -> None:
+    await station.supervisor.open()
+    station.hardware.lit_level = 90
+
+    async def gate(what: str) -> None:
+        if what == "frame":
+            assert station.lock.holder is None
+            station.latch.begin("look", "l1")
+
+    station.watch(gate)
+    await station.supervisor.first_check(Watchdog())
+    assert "frame" in station.hardware.did
+    assert station.latch.fault is None
+
+
 async def test_a_journal_that_cannot_be_written_keeps_the_fault(station: Station) -> None:
     await station.supervisor.open()
     station.latch.latch(Fault(FaultCode.JOURNAL_FAILED))
@@ -373,10 +445,8 @@ async def test_the_first_check_feeds_the_watchdog_while_a_reset_is_before_it(sta
     assert "check_health" in station.hardware.did
 
 
-async def test_the_idle_station_is_looked_after_and_never_beside_somebody_else(
-    station: Station, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("daemon.app.supervisor.CHECK_EVERY_S", 0.001)
+async def test_the_idle_station_is_looked_after_and_never_beside_somebody_else(station: Station) -> None:
+    station.check_every(0.001)
     await station.supervisor.open()
     station.hardware.did.clear()
     looking = asyncio.create_task(station.supervisor.run())
@@ -393,19 +463,39 @@ async def test_the_idle_station_is_looked_after_and_never_beside_somebody_else(
     looking.cancel()
 
 
-async def test_a_drive_that_could_not_be_stopped_is_stopped_as_soon_as_it_answers(
-    station: Station, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("daemon.app.supervisor.CHECK_EVERY_S", 0.001)
+async def test_a_check_that_is_late_without_a_missing_answer_is_no_lost_link(station: Station) -> None:
     await station.supervisor.open()
-    station.hardware.unstopped = True
-    station.hardware.errors["halt"] = LinkTimeout("no answer", device="x")
-    station.latch.latch(Fault(FaultCode.LINK_LOST))
+    late = DeadlinePassed("deadline passed during FC 43", device="x")
+    station.hardware.errors["check_health"] = late
+    await station.supervisor.first_check(Watchdog())
+    assert station.latch.fault is None
+
+    async def gate(what: str) -> None:
+        station.hardware.missing_answers += what == "check_health"
+
+    station.watch(gate)
+    await station.supervisor.first_check(Watchdog())
+    assert station.latch.fault is not None
+    assert station.latch.fault.kind is FaultCode.LINK_LOST
+    assert "1 answers were missing" in station.latch.fault.message
+    assert "more time" not in station.latch.fault.advice
+
+
+@pytest.mark.parametrize("state", [State.IDLE, State.FAULT])
+async def test_what_may_still_run_is_stopped_as_soon_as_its_drive_answers_in_every_state(
+    station: Station, state: State
+) -> None:
+    await station.supervisor.open()
+    if state is State.FAULT:
+        station.latch.latch(Fault(FaultCode.LINK_LOST))
+    gantry = cast("Any", station.hardware.gantry)
     looking = asyncio.create_task(station.supervisor.run())
-    await _until(lambda: station.hardware.did.count("halt") > 1)
-    station.hardware.errors.clear()
-    await _until(lambda: not station.hardware.unstopped)
-    assert [cause.kind for cause in station.latch.causes] == [FaultCode.LINK_LOST], "nothing is cleared by that"
+    gantry.unstopped = ("x",)
+    station.hardware.errors["stop again"] = LinkTimeout("no answer", device="x")
+    await _until(lambda: station.hardware.did.count("stop again") > 1)
+    del station.hardware.errors["stop again"]
+    await _until(lambda: not gantry.unstopped)
+    assert station.latch.state is state
     looking.cancel()
 
 

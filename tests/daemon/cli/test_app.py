@@ -12,6 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from daemon.cli.app import app
+from daemon.cli.demo import MARK
 
 ROOT = Path(__file__).parents[3]
 DEMO = ROOT / "sim_hw" / "demo_board"
@@ -37,6 +38,9 @@ def test_check_config_accepts_the_example_with_its_board(station: Path) -> None:
     code, output = _run("check-config", str(station))
     assert code == 0, output
     assert "good" in output
+    assert "floor: Z 4200 um" in output, "an axis' minimum lower than that is not used"
+    notes = json.loads(_run("check-config", str(station), "--json")[1])["notes"]
+    assert [note.partition(",")[0] for note in notes] == ["floor: Z 4200 um"]
 
 
 def test_check_config_names_every_problem(station: Path) -> None:
@@ -44,6 +48,16 @@ def test_check_config_names_every_problem(station: Path) -> None:
     code, output = _run("check-config", str(station), "--json")
     assert code == 2
     assert {p["path"] for p in json.loads(output)["problems"]} == {"axes.x.address", "bus.main.parity"}
+
+
+def test_check_config_names_the_points_that_no_approach_leaves_room_for(station: Path) -> None:
+    text = station.read_text()
+    station.write_text(text.replace("minimum = 0.0", "minimum = 120000.0", 1))
+    code, output = _run("check-config", str(station), "--json")
+    assert code == 2
+    problems = [p["problem"] for p in json.loads(output)["problems"]]
+    assert problems
+    assert all("out of reach at every head angle: x" in problem and "approach_um" in problem for problem in problems)
 
 
 def test_check_config_misses_the_board_file(station: Path) -> None:
@@ -94,6 +108,28 @@ def test_a_board_without_targets_is_refused_kindly(tmp_path: Path) -> None:
     assert code == 2
     assert "no probe-able round target" in output
     assert "reprobe board" in output
+
+
+@pytest.mark.parametrize("found", ["station/journal.sqlite", "station.toml", "notes.txt"])
+def test_a_demonstration_touches_no_folder_that_it_did_not_make(tmp_path: Path, found: str) -> None:
+    kept = tmp_path / "mine" / found
+    kept.parent.mkdir(parents=True)
+    kept.write_text("mine")
+    code, output = _run("demo", "-o", str(tmp_path / "mine"))
+    assert code == 2
+    assert "was not made by" in output
+    assert kept.read_text() == "mine"
+    assert [path for path in (tmp_path / "mine").rglob("*") if path.is_file()] == [kept]
+
+
+def test_a_demonstration_follows_no_link_to_a_stations_folder(tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / MARK).touch()
+    (tmp_path / "real").mkdir()
+    (tmp_path / "out" / "station").symlink_to(tmp_path / "real")
+    code, _ = _run("demo", "-o", str(tmp_path / "out"))
+    assert code == 2
+    assert [*(tmp_path / "real").iterdir()] == []
 
 
 def test_a_demonstration_that_is_ended_ends_its_processes(tmp_path: Path) -> None:

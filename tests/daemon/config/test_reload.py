@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import os
 from pathlib import Path
 from typing import Any
 
@@ -178,3 +180,54 @@ def test_only_sections_are_compared_not_how_the_file_is_written(file: Path) -> N
     old = load_config(file)
     file.write_text(file.read_text().replace("baudrate = 115200", "baudrate   =   115_200  # as delivered"))
     assert differences(old, load_config(file)) == ()
+
+
+@pytest.mark.parametrize("spoil", ["nested", "pipe", "huge", "folder", "nested key"])
+def test_a_file_of_another_kind_is_refused_whole_and_not_waited_for(file: Path, spoil: str) -> None:
+    old = load_config(file)
+    _spoil(file, spoil)
+    assert set(_refused(file, old)) == {"(file)"}
+
+
+def _spoil(file: Path, how: str) -> None:
+    if how.startswith("nested"):
+        file.write_text("a = " + "[" * 5000 if how == "nested" else "a" + ".a" * 50_000 + " = 1")
+        return
+    file.unlink()
+    if how == "pipe":
+        os.mkfifo(file)
+    elif how == "folder":
+        file.mkdir()
+    else:
+        file.write_text("#" * 2_000_000)
+
+
+def test_a_board_that_is_a_pipe_is_refused_and_not_waited_for(file: Path) -> None:
+    old = load_config(file)
+    old.board.file.unlink()
+    os.mkfifo(old.board.file)
+    assert "no plain file" in _refused(file, old)["board.file"]
+
+
+async def test_whatever_reading_raises_the_daemon_goes_on_with_what_it_had(
+    file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said: asyncio.Queue[tuple[str, Any]] = asyncio.Queue()
+
+    async def tell(what: str, facts: dict[str, Any]) -> None:
+        await said.put((what, facts))
+
+    def failing(_path: Path, _old: Config) -> Change:
+        raise MemoryError("too much")
+
+    monkeypatch.setattr("daemon.config.reload.read_change", failing)
+    old = load_config(file)
+    reloader = Reloader(file, lambda: old, contextlib.nullcontext, lambda _change: None, tell)  # type: ignore[arg-type]
+    serving = asyncio.create_task(reloader.run(busy=lambda: False))
+    for _ in range(2):
+        reloader.ask()
+        assert await said.get() == ("begun", {})
+        what, facts = await said.get()
+        assert what == "refused"
+        assert facts["problems"] == [["(file)", "reading it failed: MemoryError: too much"]]
+    serving.cancel()

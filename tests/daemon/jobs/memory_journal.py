@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Awaitable, Callable
 from typing import Any
 
 from daemon.domain.errors import Fault, FaultCode
@@ -17,14 +18,15 @@ class MemoryJournal:
         self.steps: list[tuple[str, str, dict[str, Any]]] = []
         self.things: dict[str, dict[str, Any]] = {}
         self.broken = False
-        self._seq = 0
+        self.step_error: Exception | None = None
+        self.before_result: Callable[[], Awaitable[None]] | None = None
+        """Waited for before a result is written."""
 
     async def reserve_seqs(self) -> None:
-        self._write()
+        return
 
-    def take_seq(self) -> int:
-        self._seq += 1
-        return self._seq
+    async def mend(self) -> Fault | None:
+        return Fault(FaultCode.JOURNAL_FAILED, "the disk is full") if self.broken else None
 
     async def job(self, job_id: str) -> StoredJob | None:
         return self.jobs.get(job_id)
@@ -35,18 +37,19 @@ class MemoryJournal:
 
     async def add_step(self, job_id: str, kind: str, body: dict[str, Any]) -> None:
         self._write()
+        if self.step_error is not None:
+            raise self.step_error
         self.steps.append((job_id, kind, body))
 
     async def finish_job(self, result: JobResult) -> None:
+        if self.before_result is not None:
+            await self.before_result()
         self._write()
         self.jobs[result.id] = StoredJob(self.jobs[result.id].request, result)
 
     async def keep(self, key: str, body: dict[str, Any]) -> None:
         self._write()
         self.things[key] = body
-
-    async def try_room(self) -> None:
-        self._write()
 
     async def kept(self, key: str) -> dict[str, Any] | None:
         return self.things.get(key)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Awaitable, Callable
 from typing import Any, cast
 
 from daemon.jobs.fault_latch import FaultLatch
@@ -17,10 +18,14 @@ class Published:
     def __init__(self) -> None:
         self.events: list[tuple[str, dict[str, Any]]] = []
 
-    def publish(self, topic: str, body: dict[str, Any], seq: int | None = None) -> int:
+    def publish(self, topic: str, body: dict[str, Any]) -> int:
         """Keep one event."""
         self.events.append((topic, body))
-        return seq or len(self.events)
+        return len(self.events)
+
+    async def publish_written(self, topic: str, write: Callable[[int], Awaitable[dict[str, Any]]]) -> int:
+        """Have one event written, then keep it."""
+        return self.publish(topic, await write(len(self.events) + 1))
 
 
 def idle_latch() -> FaultLatch:

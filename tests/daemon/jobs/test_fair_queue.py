@@ -1,6 +1,8 @@
 """Clients are served in turn and each within its share."""
 
 import asyncio
+import sys
+import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,6 +27,31 @@ async def test_one_who_sends_much_does_not_hold_up_one_who_sends_little() -> Non
     taken = [await queue.get() for _ in range(len(queue))]
     assert taken == ["much0", "little0", "other0", "much1", "little1", "much2", "much3", "much4"]
     assert len(queue) == 0
+
+
+def _count_without_end(queue: FairQueue[int], ended: threading.Event) -> None:
+    while not ended.is_set():
+        len(queue)
+
+
+async def test_a_scrape_counts_from_another_thread_while_clients_come_and_go() -> None:
+    queue: FairQueue[int] = FairQueue()
+    ended, before = threading.Event(), sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        scrape = asyncio.create_task(asyncio.to_thread(_count_without_end, queue, ended))
+        for n in range(20_000):
+            queue.put(f"client {n % 40}", n)
+            if n % 40 == 39:
+                for _ in range(40):
+                    await queue.get()
+            if n % 400 == 0:
+                await asyncio.sleep(0)
+        ended.set()
+        await scrape
+    finally:
+        ended.set()
+        sys.setswitchinterval(before)
 
 
 async def test_whoever_waits_gets_what_comes_and_a_wait_given_up_takes_nothing() -> None:

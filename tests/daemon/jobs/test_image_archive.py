@@ -106,3 +106,50 @@ async def test_a_disk_that_takes_nothing_is_told_and_left_again(tmp_path: Path) 
     assert pictures.full is not None
     await pictures.keep(tmp_path / "job2", _job(), _result("job2"))
     assert pictures.full is None
+
+
+async def test_the_quota_removes_only_what_the_daemon_made(tmp_path: Path) -> None:
+    folder, elsewhere = tmp_path / "pictures", tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    (elsewhere / "before-white.jpg").write_bytes(b"x" * 100_000)
+    (elsewhere / "result.json").write_text('{"id": "link"}')
+    foreign = folder / "holiday"
+    foreign.mkdir(parents=True)
+    (foreign / "beach.jpg").write_bytes(b"x" * 1_000_000)
+    copied = folder / "keep-these"
+    copied.mkdir()
+    (copied / "before-white.jpg").write_bytes(b"x" * 100_000)
+    (copied / "result.json").write_text('{"id": "job0"}')
+    (folder / "link").symlink_to(elsewhere)
+    (folder / "note.txt").write_text("mine")
+    pictures = ImageArchive(folder, "all", 0.001)
+    await pictures.keep(folder / "job0", _job(), _result("job0"))
+    (folder / "job0" / "remark.txt").write_text("a person's")
+    (folder / "job0" / "after-white.jpg").symlink_to(elsewhere / "before-white.jpg")
+    os.utime(folder / "job0", (1, 1))
+    await pictures.keep(folder / "job1", _job(), _result("job1"))
+    os.utime(folder / "job1", (2, 2))
+    await pictures.keep(folder / "job2", _job(), _result("job2"))
+    assert pictures.full is None
+    assert sorted(f.name for f in folder.iterdir()) == ["holiday", "job0", "job2", "keep-these", "link", "note.txt"]
+    assert sorted(f.name for f in (folder / "job0").iterdir()) == ["after-white.jpg", "remark.txt"]
+    assert (foreign / "beach.jpg").exists()
+    assert (copied / "before-white.jpg").exists()
+    assert sorted(f.name for f in elsewhere.iterdir()) == ["before-white.jpg", "result.json"]
+
+
+async def test_nothing_is_written_through_a_link(tmp_path: Path) -> None:
+    folder, elsewhere = tmp_path / "pictures", tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    folder.mkdir()
+    (folder / "job").symlink_to(elsewhere)
+    pictures = ImageArchive(folder, "all", 10.0)
+    await pictures.keep(folder / "job", _job(), _result("job"))
+    assert pictures.full is not None
+    assert list(elsewhere.iterdir()) == []
+    victim = tmp_path / "victim"
+    victim.write_text("untouched")
+    (folder / "job2").mkdir()
+    (folder / "job2" / "before-white.jpg").symlink_to(victim)
+    await pictures.keep(folder / "job2", _job(), _result("job2"))
+    assert victim.read_text() == "untouched"

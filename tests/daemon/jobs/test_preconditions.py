@@ -82,3 +82,10 @@ def test_an_id_may_be_sent_again_for_the_same_request_only() -> None:
         refuse_other_request("j1", '{"op":"home"}', '{"op":"look"}')
     assert caught.value.kind is FaultCode.ID_REUSED
     assert caught.value.detail["id"] == "j1"
+
+
+def test_a_request_written_before_a_field_was_added_is_the_same_request() -> None:
+    asked = '{"op":"correct","id":"a","test_point":"TP1","board_id":null}'
+    refuse_other_request("a", asked, '{"op":"correct","id":"a","test_point":"TP1"}')
+    with pytest.raises(Fault):
+        refuse_other_request("a", asked.replace("null", '"SN-1"'), '{"op":"correct","id":"a","test_point":"TP1"}')

@@ -133,7 +133,7 @@ class _Images:
 class _Line:
     """A runner at work whose procedures are given by the test."""
 
-    def __init__(self, folder: Path, body: Body | None = None) -> None:
+    def __init__(self, folder: Path, body: Body | None = None, **more: Any) -> None:
         self.did: list[str] = []
         self.body = body
         self.latch, self.journal, self.published = idle_latch(), MemoryJournal(), Published()
@@ -147,7 +147,7 @@ class _Line:
                 latch=self.latch, journal=self.journal, publisher=self.published, images=self.images,
                 observer=self.observer, context=lambda: self.context if self.open else None,
                 on_result=self.results.append, procedures=dict.fromkeys(("home", "lift", "place", "look"), self._run),
-                limits=lambda: replace(LIMITS, queue_length=30, queue_per_client=30),
+                limits=lambda: replace(LIMITS, queue_length=30, queue_per_client=30), **more,
             )
         )  # fmt: skip
 
@@ -171,8 +171,8 @@ class _Line:
 
 
 @asynccontextmanager
-async def _line(folder: Path, body: Body | None = None) -> AsyncIterator[_Line]:
-    line = _Line(folder, body)
+async def _line(folder: Path, body: Body | None = None, **more: Any) -> AsyncIterator[_Line]:
+    line = _Line(folder, body, **more)
     loop = asyncio.create_task(line.runner.run())
     try:
         yield line
@@ -328,6 +328,27 @@ async def test_cancelling_the_running_job_stops_motion_and_leaves_idle(tmp_path:
         assert result.error.name == "cancelled"
         assert (line.latch.state, line.latch.fault) == (State.IDLE, None)
     assert line.did == ["run j", "stop", "dark", "observed"]
+
+
+async def test_a_job_whose_clients_key_was_taken_back_while_it_waited_never_begins(tmp_path: Path) -> None:
+    gate = _Gate()
+    revoked: list[tuple[str, str]] = []
+
+    def refusal(client: str, op: str) -> Fault | None:
+        return Fault(FaultCode.KEY_REVOKED) if (client, op) in revoked else None
+
+    async with _line(tmp_path, gate, refusal=refusal) as line:
+        first = await line.ask(job_id="first", client="kim")
+        await gate.began.wait()
+        revoked.append(("kim", "home"))
+        waiting = await line.ask("home", job_id="waiting", client="kim")
+        others = await line.ask("home", job_id="others", client="lee")
+        gate.may_end.set()
+        assert (await first).ok, "what runs already is not torn away"
+        assert (await waiting).error.name == "key_revoked"
+        assert (await others).ok
+        assert line.latch.state is State.IDLE
+    assert [what for what in line.did if what.startswith("run")] == ["run first", "run others"]
 
 
 async def test_a_job_cancelled_while_it_waits_never_begins(tmp_path: Path) -> None:
@@ -524,42 +545,16 @@ async def test_a_full_disk_before_a_job_begins_is_its_answer_and_no_end_of_the_l
         waiting = await line.ask(job_id="waiting")
         line.journal.broken = True
         gate.may_end.set()
-        await first
-        async with asyncio.timeout(10.0):
-            result = await waiting
-        assert result.error is not None
+        for done in (first, waiting):
+            with pytest.raises(Fault) as unwritten:
+                await done
+            assert unwritten.value.kind is FaultCode.JOURNAL_FAILED
         assert line.latch.fault is not None
         assert line.latch.fault.kind is FaultCode.JOURNAL_FAILED
         line.journal.broken = False
         line.latch.clear(line.latch.causes)
         assert (await line.do(job_id="after")).ok, "the loop still runs jobs"
     assert "run waiting" not in line.did
-
-
-async def test_a_daemon_that_stops_while_a_result_is_written_still_answers(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    writing, may_end = asyncio.Event(), asyncio.Event()
-    line = _Line(tmp_path, _looked)
-    keep = line.journal.finish_job
-
-    async def finish_job(result: JobResult) -> None:
-        writing.set()
-        await may_end.wait()
-        await keep(result)
-
-    monkeypatch.setattr(line.journal, "finish_job", finish_job)
-    loop = asyncio.create_task(line.runner.run())
-    done = await line.ask()
-    await writing.wait()
-    loop.cancel()
-    await asyncio.sleep(0)
-    may_end.set()
-    with pytest.raises(asyncio.CancelledError):
-        await loop
-    async with asyncio.timeout(10.0):
-        assert (await done).ok
-    assert [topic for topic, _ in line.published.events] == ["result"]
 
 
 async def test_images_that_cannot_be_drawn_do_not_end_the_loop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -577,16 +572,71 @@ async def test_images_that_cannot_be_drawn_do_not_end_the_loop(tmp_path: Path, m
         assert line.latch.state is State.IDLE
 
 
-async def test_a_result_that_cannot_be_written_is_answered_and_latched(tmp_path: Path) -> None:
+async def test_a_result_that_cannot_be_written_is_told_to_nobody_until_it_is(tmp_path: Path) -> None:
     gate = _Gate()
     async with _line(tmp_path, gate) as line:
         done = await line.ask()
         await gate.began.wait()
         line.journal.broken = True
         gate.may_end.set()
-        assert (await done).ok
+        with pytest.raises(Fault) as unwritten:
+            await done
+        assert unwritten.value.kind is FaultCode.JOURNAL_FAILED
         assert line.latch.fault is not None
         assert line.latch.fault.kind is FaultCode.JOURNAL_FAILED
+        assert (line.published.events, line.results) == ([], []), "a kill now would make it another result"
+        with pytest.raises(Fault) as asked_again:
+            await line.ask()
+        assert asked_again.value.kind is FaultCode.JOURNAL_FAILED
+        with pytest.raises(Fault):
+            await line.runner.write_held_back()
+        line.journal.broken = False
+        await line.runner.write_held_back()
+        result = await (await line.ask())
+        assert (result.ok, result.outcome) == (True, "looked")
+        assert line.published.events == [("result", result.model_dump(mode="json"))]
+        await line.runner.write_held_back()
+        assert len(line.published.events) == 1, "told once"
+    assert line.did.count("run j") == 1
+
+
+async def test_a_stop_while_a_result_is_being_written_loses_neither_the_result_nor_the_answer(tmp_path: Path) -> None:
+    line = _Line(tmp_path, _looked)
+    writing, may_write = asyncio.Event(), asyncio.Event()
+    line.journal.before_result = lambda: _pause(writing, may_write)
+    loop = asyncio.create_task(line.runner.run())
+    done = await line.ask()
+    await writing.wait()
+    loop.cancel()
+    await asyncio.sleep(0)
+    loop.cancel()
+    may_write.set()
+    with contextlib.suppress(asyncio.CancelledError):
+        await loop
+    assert done.done(), "who waits is answered before the runner has ended"
+    assert done.result().outcome == "looked"
+    assert line.journal.jobs["j"].result == done.result()
+    assert line.published.events == [("result", done.result().model_dump(mode="json"))]
+
+
+async def _pause(began: asyncio.Event, may_go_on: asyncio.Event) -> None:
+    began.set()
+    await may_go_on.wait()
+
+
+@pytest.mark.parametrize("error", [Fault(FaultCode.JOURNAL_FAILED), TypeError("not JSON")])
+async def test_a_look_that_cannot_be_noted_does_not_cost_the_result(tmp_path: Path, error: Exception) -> None:
+    async def body(job: JobContext) -> Outcome:
+        job.fire(Event.ACCEPTED)
+        job.note("look", {"tip": 1})
+        return Outcome("looked")
+
+    async with _line(tmp_path, body) as line:
+        line.journal.step_error = error
+        result = await line.do()
+        assert result.ok
+        assert line.journal.jobs["j"].result == result
+        assert line.latch.fault is None
 
 
 async def test_steps_progress_and_images_go_where_they_belong(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -31,10 +31,15 @@ class _Heard:
     def __init__(self) -> None:
         self.alerts: list[dict[str, Any]] = []
 
-    def publish(self, topic: str, body: dict[str, Any], seq: int | None = None) -> int:
+    def publish(self, topic: str, body: dict[str, Any]) -> int:
         assert topic == "alert"
-        assert seq is not None
-        self.alerts.append({"seq": seq, **body})
+        self.alerts.append(body)
+        return len(self.alerts)
+
+    async def publish_written(self, topic: str, write: Callable[[int], Awaitable[dict[str, Any]]]) -> int:
+        seq = len(self.alerts) + 1
+        body = await write(seq)
+        self.publish(topic, {"seq": seq, **body})
         return seq
 
 

@@ -1,4 +1,4 @@
-"""The board's pose is what its fiducials show; what speaks against it is refused and the old pose stays."""
+"""The board's pose is what its fiducials show; what speaks against it is refused, and no pose is in force then."""
 
 from __future__ import annotations
 
@@ -12,10 +12,12 @@ import pytest
 
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.states import Event
+from daemon.procedures.board_in_nest import require_board
 from daemon.procedures.correct import sidestep_um
 from daemon.procedures.registry import PROCEDURES
 from daemon.station.station import LookResult
 from daemon.storage.calibration_records import AlignmentRecord
+from daemon.storage.calibration_store import Calibrations
 from drivers.errors import EnvelopeViolation
 from tests.daemon.procedures.fake_station import Ran, World, a_board, begin, missing, run
 from vision import NotFound, Reason, Seen
@@ -217,15 +219,77 @@ async def _residual_um(folder: Path, off_um: float) -> float:
     return max(math.hypot(*f.residual_um) for f in _record(world).fiducials)
 
 
-async def test_a_fiducial_that_is_off_the_others_is_named_and_the_old_pose_stays(world: World) -> None:
+async def test_a_fiducial_that_is_off_the_others_is_named_and_no_pose_is_in_force(world: World) -> None:
     world.with_alignment(Rigid2(0.0, 60_000.0, 40_000.0))
-    before = _record(world)
     _moved(world, "F1", 400.0)
     fault = await _fault(world)
     assert fault.kind is FaultCode.CALIBRATION_FAILED
     assert "the board cannot be aligned" in fault.message
     assert "F1" in fault.message
+    assert "alignment" not in world.calibrations.records
+    assert "did not pass" in world.calibrations.problems["alignment"]
+
+
+async def test_after_a_refused_alignment_no_board_passes_until_one_is_aligned_whatever_restarts(world: World) -> None:
+    await _align(world)
+    world.calibrations.require_board(world.board, None)
+    _moved(world, "F1", 400.0)
+    await _fault(world)
+    restarted = Calibrations(world.calibrations.folder, world.config.station.name)
+    restarted.load()
+    for calibrations in (world.calibrations, restarted):
+        with pytest.raises(Fault) as refused:
+            calibrations.require_board(world.board, None)
+        assert refused.value.kind is FaultCode.NOT_ALIGNED
+    world.pads = list(world.board.points)
+    await _align(world)
+    restarted.load()
+    for calibrations in (world.calibrations, restarted):
+        calibrations.require_board(world.board, None)
+
+
+@pytest.mark.parametrize(("board_id", "refused_first"), [("SN-2", True), (None, False)])
+async def test_no_correction_is_made_on_a_board_that_was_not_aligned(
+    world: World, board_id: str | None, refused_first: bool
+) -> None:
+    await _align(world, {"board_id": "SN-1"})
+    if not refused_first:
+        _moved(world, "F1", 400.0)
+        await _fault(world)
+        world.pads = list(world.board.points)
+    world.put_beside("A", (30.0, 0.0))
+    moves = len(world.gantry.moves)
+    request = {"op": "correct", "test_point": "A", "board_id": board_id}
+    with pytest.raises(Fault) as caught:
+        await run(world, PROCEDURES["correct"], request)
+    assert caught.value.kind is FaultCode.NOT_ALIGNED
+    assert len(world.gantry.moves) == moves
+    await _align(world, {"board_id": "SN-2"})
+    world.put_beside("A", (30.0, 0.0))
+    assert (await run(world, PROCEDURES["correct"], request)).got.outcome == "corrected"
+
+
+async def test_a_refusal_before_anything_moved_leaves_the_old_pose(world: World) -> None:
+    await _align(world)
+    before = _record(world)
+    world.gantry.is_homed = False
+    assert (await _fault(world)).kind is FaultCode.NOT_HOMED
     assert _record(world) == before
+
+
+async def test_another_board_in_the_nest_is_refused_until_it_was_aligned(world: World) -> None:
+    await _align(world, {"board_id": "SN-1"})
+    await require_board(world.context, "SN-1")
+    await require_board(world.context, None)
+    with pytest.raises(Fault) as refused:
+        await require_board(world.context, "SN-2")
+    assert refused.value.kind is FaultCode.NOT_ALIGNED
+    for board_id in (None, "SN-1", "SN-2"):
+        with pytest.raises(Fault) as refused:
+            await require_board(world.context, board_id)
+        assert refused.value.kind is FaultCode.NOT_ALIGNED, "a board that was taken out lies elsewhere now"
+    await _align(world, {"board_id": "SN-2"})
+    await require_board(world.context, "SN-2")
 
 
 async def test_residuals_are_allowed_up_to_60_um(tmp_path: Path) -> None:

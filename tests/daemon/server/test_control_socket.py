@@ -8,6 +8,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import AsyncExitStack, asynccontextmanager
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -16,6 +17,7 @@ import zmq.asyncio
 
 from daemon.client import Client, NoAnswer, NotLetIn, Refused, Subscription
 from daemon.config.model import ApiSection
+from daemon.domain.errors import FaultCode
 from daemon.domain.roles import ROLES, Caller, Role
 from daemon.platform.clock import utc_now
 from daemon.server.auth import Authenticator
@@ -24,6 +26,7 @@ from daemon.server.event_publisher import EventPublisher
 from daemon.server.keyring import Keyring
 from daemon.storage.journal import Journal
 from daemon.wire.curve_keys import KeyTrouble, PrivateKey, new_client, read_private, revoke
+from daemon.wire.limits import MAX_COMMAS, MAX_FIELDS
 from daemon.wire.operations.control import CancelReply
 from daemon.wire.operations.health import ReportReply
 from daemon.wire.operations.table import AnyRequest
@@ -169,6 +172,19 @@ async def test_a_key_taken_back_is_refused_also_on_an_open_connection(
             await served.by(lambda c: c.request("status"), keys["maintain"])
 
 
+def test_what_a_waiting_job_may_is_asked_of_the_list_as_it_is_now(tmp_path: Path, keys: dict[Role, PrivateKey]) -> None:
+    guard = Authenticator("maintain", Keyring(tmp_path / "keys", {}))
+    assert [guard.refusal(f"the-{role}", "home") is None for role in keys] == [False, False, True]
+    lowered = guard.refusal("the-operate", "home")
+    assert lowered is not None
+    assert lowered.kind is FaultCode.NOT_ALLOWED
+    revoke(tmp_path / "keys", "the-maintain")
+    gone = guard.refusal("the-maintain", "home")
+    assert gone is not None
+    assert gone.kind is FaultCode.KEY_REVOKED
+    assert Authenticator("operate").refusal("anybody", "place") is None
+
+
 def _heard(subscription: Subscription, name: str) -> bool:
     """Whether an event of that name comes before the subscription is silent for a while."""
     while (event := subscription.next(0.3)) is not None:
@@ -308,6 +324,64 @@ async def test_an_answer_of_the_daemons_own_trouble_is_internal_and_it_goes_on(t
         served.station.__class__ = Broken
         assert await served.by(lambda c: _error(lambda: c.request("cancel"))) == "internal"
         assert await served.by(lambda c: c.request("status"))
+
+
+@pytest.mark.parametrize("count", [MAX_FIELDS, 80_000])
+async def test_a_heap_of_unknown_fields_is_refused_in_a_small_answer(tmp_path: Path, count: int) -> None:
+    """It should not validate 80,000 fields in 1 MB; by the table they took 0.97 s and were answered with 5.6 MB."""
+    message = json.dumps({"op": "status", **{f"{n:05d}": 0 for n in range(count)}}).encode()
+    async with serving(tmp_path) as served:
+        reply = await served.by(lambda c: c.raw(message))
+        assert reply["error"]["name"] == "invalid_request"
+        assert len(json.dumps(reply)) < 1000
+        assert served.station.asked == []
+
+
+async def test_a_message_with_more_commas_than_any_request_is_not_decoded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    decoded: list[bytes] = []
+
+    def loads(data: bytes) -> Any:
+        decoded.append(data)
+        return json.loads(data)
+
+    monkeypatch.setattr("daemon.server.control_socket.json", SimpleNamespace(loads=loads))
+    async with serving(tmp_path) as served:
+        full = json.dumps({"op": "acknowledge", "alert": "a", "by": "," * 64, "note": "," * 500}).encode()
+        assert (await served.by(lambda c: c.raw(full)))["ok"]
+        assert len(decoded) == 1
+        reply = await served.by(lambda c: c.raw(b"[" + b"1," * MAX_COMMAS + b",1]"))
+        assert reply["error"]["name"] == "invalid_request"
+        assert len(decoded) == 1
+
+
+async def test_who_may_not_ask_for_it_is_told_so_whatever_its_fields_are(tmp_path: Path) -> None:
+    async with serving(tmp_path, role="observe") as served:
+        for bad in ({}, {"id": 7}, {"id": "c", "what": "everything"}, {"id": "c", "speed": 9}):
+            assert await served.by(lambda c, bad=bad: _answer(c, "calibrate", **bad)) == "not_allowed"
+        assert await served.by(lambda c: _answer(c, "status", speed=9)) == "invalid_request"
+
+
+async def test_every_answer_carries_the_tag_of_its_request(tmp_path: Path) -> None:
+    async with serving(tmp_path) as served:
+        dealer = zmq.asyncio.Context.instance().socket(zmq.DEALER)
+        dealer.connect(served.api.control)
+        sent = [
+            {"op": "result", "id": "held"}, {"op": "status"}, {"op": "cancel"}, {"op": "fly"}, {"op": "status", "a": 1},
+        ]  # fmt: skip
+        try:
+            for n, request in enumerate(sent):
+                await dealer.send(json.dumps({**request, "tag": f"t{n}"}).encode())
+            await dealer.send(b'{"op": "status"}')
+            served.station.let_go.set()
+            replies = [json.loads(await asyncio.wait_for(dealer.recv(), WITHIN_S)) for _ in range(len(sent) + 1)]
+        finally:
+            dealer.close(linger=0)
+        assert {reply["tag"]: reply["ok"] for reply in replies if "tag" in reply} == {
+            "t0": True, "t1": True, "t2": True, "t3": False, "t4": False,
+        }  # fmt: skip
+        assert sum("tag" not in reply for reply in replies) == 1
 
 
 # --- subscribers ----------------------------------------------------------------------------------------------

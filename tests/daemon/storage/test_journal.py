@@ -1,5 +1,6 @@
 """What was written is found again, and numbers are never given twice."""
 
+import os
 import resource
 import shutil
 import sqlite3
@@ -90,11 +91,12 @@ async def test_a_disk_with_room_for_little_is_still_full(tmp_path: Path) -> None
     journal = await Journal.open(tmp_path / "j.sqlite")
     await journal.keep("a", {"n": 1})
     with _files_up_to((tmp_path / "j.sqlite-wal").stat().st_size + 100_000):
-        await journal.keep("a", {"n": 2})
         with pytest.raises(Fault) as caught:
-            await journal.try_room()
-    assert caught.value.kind is FaultCode.JOURNAL_FAILED
-    await journal.try_room()
+            await journal.keep("b", {"much": "x" * 200_000})
+        assert caught.value.kind is FaultCode.JOURNAL_FAILED
+        await journal.keep("a", {"n": 2})
+        assert await journal.check() is not None, "a job would not find room"
+    assert await journal.check() is None
     assert await journal.kept("room") is None, "it leaves nothing behind"
     await journal.close()
 
@@ -263,4 +265,41 @@ async def test_the_journal_keeps_to_its_bounds_and_forgets_no_touch(
     assert [row[2] for row in await journal.measurements(0, 100)] == list(range(12, 20))
     assert [r.id for r in await journal.results(0, 100)] == [f"job-{k}" for k in range(15, 20)]
     assert await journal.unfinished() == [("job-3", "home")], "what has no result yet is never forgotten"
+    await journal.close()
+
+
+async def test_journals_moved_aside_have_a_quota(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("daemon.storage.journal_schema.CORRUPT_KEPT", 2)
+    path = tmp_path / "journal.sqlite"
+    moved = []
+    for n in range(4):
+        _garbage(path)
+        path.with_name("journal.sqlite-wal").write_bytes(b"not a log")
+        journal = await Journal.open(path)
+        assert journal.moved_to is not None
+        os.utime(journal.moved_to, (n, n))
+        moved.append(journal.moved_to)
+        await journal.close()
+    left = sorted(file for file in tmp_path.glob("journal-corrupt-*") if not file.name.endswith(("-wal", "-shm")))
+    assert left == sorted(moved[-2:])
+    assert all(Path(str(file).removesuffix("-wal")).exists() for file in tmp_path.glob("*-wal"))
+
+
+async def test_the_write_ahead_log_is_worked_off_with_each_trim(tmp_path: Path) -> None:
+    journal = await Journal.open(tmp_path / "j.sqlite")
+    for k in range(50):
+        await journal.add_measurement("t" * 400, k, "", {})
+    wal = tmp_path / "j.sqlite-wal"
+    assert wal.stat().st_size > 0
+    reader = sqlite3.connect(tmp_path / "j.sqlite", isolation_level=None)
+    reader.execute("BEGIN")
+    reader.execute("SELECT count(*) FROM measurements").fetchone()
+    await journal.add_measurement("t", 50, "", {})
+    await journal.trim(100)
+    assert wal.stat().st_size > 0, "who reads is not waited for"
+    reader.execute("COMMIT")
+    reader.close()
+    await journal.trim(100)
+    assert wal.stat().st_size == 0
+    assert await journal.check() is None
     await journal.close()

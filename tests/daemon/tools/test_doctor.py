@@ -18,6 +18,7 @@ from daemon.tools.demo.settings import Places, write_settings
 from daemon.tools.doctor import computer
 from daemon.tools.doctor.computer import examine_data_dir, examine_device, examine_time
 from daemon.tools.doctor.findings import CheckResult, CheckResults
+from tests.daemon.tools.report.synthetic import backlash_record
 
 pytestmark = pytest.mark.usefixtures("logging_as_before")
 
@@ -78,12 +79,15 @@ def test_a_full_disk_and_an_open_folder_are_told(tmp_path: Path, monkeypatch: py
 
 def test_a_clock_before_the_last_calibration_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     config = load_config(write_settings(Places(tmp_path, tmp_path)))
-    monkeypatch.setattr(computer.Calibrations, "made_at", lambda _self: {"map": "2999-01-01T00:00:00+00:00"})
+    record = backlash_record(station=config.station.name, probe="", made_at="2999-01-01T00:00:00+00:00")
+    (config.station.data_dir / "calibration").mkdir(parents=True)
+    (config.station.data_dir / "calibration" / "backlash.json").write_text(record.model_dump_json())
     monkeypatch.setattr(computer, "clock_synchronized", lambda: False)
     findings = CheckResults()
     examine_time(findings, config)
     verdicts = {check.about: check.verdict for check in findings.checks}
     assert verdicts["date and time"] == "fail"
+    assert "2999" in next(check.advice for check in findings.checks if check.about == "date and time")
     assert verdicts["time from the network"] == "warn"
 
 

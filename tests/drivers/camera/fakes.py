@@ -63,6 +63,7 @@ class FakeCapture:
         return self.world.present
 
     def set(self, propId: int, value: float, /) -> bool:  # noqa: N803
+        self.world.break_at("set")
         self.world.order.append(propId)
         if propId in self.world.missing:
             return False
@@ -75,6 +76,7 @@ class FakeCapture:
         return -1.0 if propId in self.world.missing else self.props.get(propId, 0.0)
 
     def grab(self) -> bool:
+        self.world.break_at("grab")
         self.world.hanging = not self.world.let_go.is_set()
         self.world.let_go.wait()
         time.sleep(self.world.period_s)
@@ -85,6 +87,7 @@ class FakeCapture:
 
     def retrieve(self) -> tuple[bool, Any]:
         self.world.retrieves += 1
+        self.world.break_at("retrieve")
         if self.world.torn:
             return True, np.frombuffer(jpeg(self.number)[:-200], np.uint8)[None]
         if self.world.raw_jpeg:
@@ -93,6 +96,7 @@ class FakeCapture:
 
     def release(self) -> None:
         self.world.released += 1
+        self.world.break_at("release")
 
 
 class World:
@@ -103,6 +107,8 @@ class World:
         """Cleared, every grab hangs as in a driver of the system that waits for its device."""
         self.let_go.set()
         self.hanging = False
+        self.breaks: dict[str, Exception] = {}
+        """What raises something that no camera's library promises to raise, by the name of the call."""
         self.present = True
         self.stopped = self.frozen = self.torn = False
         self.stamps = self.raw_jpeg = True
@@ -114,7 +120,12 @@ class World:
         self.opened: list[FakeCapture] = []
         self.grabs = self.retrieves = self.released = 0
 
+    def break_at(self, call: str) -> None:
+        if call in self.breaks:
+            raise self.breaks[call]
+
     def factory(self, _device: str) -> FakeCapture:
+        self.break_at("open")
         return FakeCapture(self)
 
 

@@ -1,17 +1,19 @@
 """The same promises of every camera: frame after an instant, time-outs that say why, opening again."""
 
 import asyncio
+import json
 import time
 
+import cv2
 import numpy as np
 import pytest
 from structlog.testing import capture_logs
 
-from drivers.camera import V4L2Camera, running
+from drivers.camera import StreamCamera, V4L2Camera, running
 from drivers.camera.running import RunningCamera
 from drivers.deadline import Deadline
 from drivers.errors import CameraError, CameraTimeout
-from tests.drivers.camera.fakes import HEIGHT, WIDTH, World, config, until
+from tests.drivers.camera.fakes import HEIGHT, WIDTH, StreamServer, World, config, until
 
 
 async def test_a_frame_is_exposed_after_the_wanted_instant(camera: RunningCamera, soon: Deadline) -> None:
@@ -121,3 +123,54 @@ async def test_a_camera_that_hangs_is_left_behind_and_hurts_nobody_when_it_wakes
     await until(lambda: world.released == 1, soon)
     await camera.close()
     assert world.released == 2
+
+
+ODD = (ValueError("a shape nobody thought of"), MemoryError(), cv2.error("assertion failed"), RuntimeError("gone"))
+
+
+@pytest.mark.parametrize("odd", ODD, ids=lambda odd: type(odd).__name__)
+@pytest.mark.parametrize("call", ["open", "set", "grab", "retrieve", "release"])
+async def test_an_error_nobody_promised_is_an_outage_that_ends_when_its_cause_does(
+    world: World, soon: Deadline, call: str, odd: Exception
+) -> None:
+    """It should open again and give pictures, whatever was raised and wherever."""
+    camera = V4L2Camera(config(), world.factory)
+    await camera.open(soon)
+    await camera.frame_after(time.monotonic(), soon)
+    world.breaks[call] = odd
+    world.stopped = call not in ("grab", "retrieve")
+    waiting = asyncio.create_task(camera.frame_after(time.monotonic(), soon))
+    await until(lambda: camera.trouble is not None, soon)
+    world.breaks.clear()
+    world.stopped = False
+    assert (await waiting).sequence > 0
+    assert camera.trouble is None
+    await camera.close()
+
+
+@pytest.mark.parametrize("call", ["open", "set"])
+async def test_an_error_nobody_promised_at_the_first_opening_is_a_camera_error(
+    world: World, soon: Deadline, call: str
+) -> None:
+    """It should end the opening at once, not by its deadline, and leave the camera closed."""
+    world.breaks[call] = ValueError("a shape nobody thought of")
+    camera = V4L2Camera(config(), world.factory)
+    with pytest.raises(CameraError, match="ValueError: a shape nobody thought of"):
+        await camera.open(soon)
+    world.breaks.clear()
+    await camera.open(soon)
+    await camera.frame_after(time.monotonic(), soon)
+    await camera.close()
+
+
+@pytest.mark.parametrize("error", ["in words", 7, ["a", "list"]])
+async def test_a_refusal_of_another_shape_is_an_outage_too(
+    stream: StreamCamera, server: StreamServer, soon: Deadline, error: object
+) -> None:
+    """It should not die of a server that says its error in another form."""
+    await stream.frame_after(time.monotonic(), soon)
+    server.spoil = lambda request, _replies: [[json.dumps({"v": 1, "n": request["n"], "error": error}).encode()]]
+    waiting = asyncio.create_task(stream.frame_after(time.monotonic(), soon))
+    await until(lambda: stream.trouble is not None, soon)
+    server.spoil = None
+    assert (await waiting).sequence > 0

@@ -95,6 +95,23 @@ async def test_a_coil_that_does_not_follow_is_a_light_error(board: tuple[Relay, 
         await lights.set(Light.WHITE, soon)
 
 
+async def test_coils_that_change_by_themselves_are_a_light_error(
+    board: tuple[Relay, ModbusBus], soon: Deadline
+) -> None:
+    """It should see at rest what another master, or the board itself, has switched."""
+    relay, bus = board
+    lights = await ModbusRelayLights.open(bus, 5, deadline=soon)
+    await lights.check(soon)
+    relay.coils = 0b01
+    with pytest.raises(LightError, match="was told off, but by now"):
+        await lights.check(soon)
+    await lights.set(Light.OFF, soon)
+    await lights.check(soon)
+    relay.silent = True
+    with pytest.raises(LightError, match="does not tell its state"):
+        await lights.check(soon)
+
+
 async def test_a_silent_board_is_a_light_error(board: tuple[Relay, ModbusBus], soon: Deadline) -> None:
     """It should say what to check, with the link's own words."""
     relay, bus = board

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import os
 import threading
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any, cast
@@ -74,9 +74,14 @@ class Drawing:
 class Nobody:
     """Hears events and does nothing with them."""
 
-    def publish(self, *_: Any, seq: int | None = None) -> int:
+    def publish(self, *_: Any) -> int:
         """Number an event."""
-        return seq or 0
+        return 0
+
+    async def publish_written(self, _topic: str, write: Callable[[int], Awaitable[Any]]) -> int:
+        """Have an event written."""
+        await write(1)
+        return 1
 
 
 @pytest.fixture

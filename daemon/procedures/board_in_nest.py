@@ -1,0 +1,24 @@
+"""The board in the nest: whether it is the one that was aligned.
+
+A client that names another board says that boards were changed: from then on the old alignment is void, for every
+client and after a restart, until an `align` passes.
+"""
+
+from __future__ import annotations
+
+from daemon.domain.errors import Fault, FaultCode
+from daemon.jobs.context import StationContext
+from daemon.procedures.calibrate.commit import on_disk
+
+
+async def require_board(context: StationContext, board_id: str | None) -> None:
+    """Raise `Fault` (not_aligned) if this board, or any if none is named, has to be aligned first."""
+    calibrations = context.calibrations
+    try:
+        calibrations.require_board(context.board, board_id)
+    except Fault as unaligned:
+        if unaligned.kind is FaultCode.NOT_ALIGNED and calibrations.in_force.void is None:
+            await on_disk(
+                calibrations.void_alignment, f"board {board_id} was put into the nest and has not been aligned"
+            )
+        raise

@@ -1,0 +1,53 @@
+"""A small disk of its own, in memory, that a test may fill."""
+
+from __future__ import annotations
+
+import errno
+import io
+import os
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+SIZE_MB = 6
+FILLER = "filler"
+
+
+@contextmanager
+def small_disk(folder: Path) -> Iterator[Path]:
+    """Mount it; a test is skipped where that is not allowed."""
+    folder.mkdir()
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", f"size={SIZE_MB}m", "tmpfs", str(folder)],  # noqa: S607
+        check=False,
+        capture_output=True,
+        text=True,
+    )
+    if mounted.returncode:
+        pytest.skip(f"no small disk can be mounted here: {mounted.stderr.strip()}")
+    try:
+        yield folder
+    finally:
+        subprocess.run(["umount", "-l", str(folder)], check=True)  # noqa: S607
+
+
+def fill(disk: Path) -> None:
+    """Leave no byte."""
+    with (disk / FILLER).open("ab", buffering=0) as file:
+        for size in (65536, 4096, 1):
+            with pytest.raises(OSError, match=os.strerror(errno.ENOSPC)):
+                _write_without_end(file, b"x" * size)
+    assert os.statvfs(disk).f_bavail == 0
+
+
+def _write_without_end(file: io.FileIO, block: bytes) -> None:
+    while True:
+        file.write(block)
+
+
+def make_room(disk: Path) -> None:
+    """Give the room back."""
+    (disk / FILLER).unlink()
