@@ -96,6 +96,7 @@ class StationSupervisor:
         config, board = self._settings.config, self._settings.board
         geometry = Geometry(config, board, self._calibrations)
         station = Station(config, hardware, self.needle)
+        self.needle.adopt(geometry.up_z_um, geometry.surface_z_um)
         self._context = StationContext(config, station, board, self._calibrations, geometry)
 
     def _fit_calibrations(self) -> None:

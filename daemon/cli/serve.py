@@ -60,20 +60,36 @@ def check_config(
     config: Annotated[Path, typer.Argument(help="The station's TOML file.")], as_json: AsJson = False
 ) -> None:
     """Check a configuration and the board file it names; print every problem with its path."""
+    floor: list[str] = []
     try:
         loaded = load_config(config)
         problems = _board_problems(loaded)
+        floor = [_floor(loaded)]
     except ConfigError as exc:
         problems = exc.problems
     if as_json:
-        say_json({"ok": not problems, "problems": [{"path": path, "problem": what} for path, what in problems]})
+        listed = [{"path": path, "problem": what} for path, what in problems]
+        say_json({"ok": not problems, "problems": listed, "notes": floor})
     elif problems:
         for path, what in problems:
             out.print(f"[bold]{path}[/]: {what}", highlight=False, soft_wrap=True)
     else:
         out.print(f"{config}: good")
+        for note in floor:
+            out.print(note, highlight=False, soft_wrap=True)
     if problems:
         raise typer.Exit(USAGE)
+
+
+def _floor(config: Config) -> str:
+    """Say how low the needle may go, and by what."""
+    gantry, lowest_um = config.gantry, config.lowest_z_um
+    if lowest_um > gantry.floor_z_um:
+        return f"floor: Z {lowest_um:.0f} um, by axes.z.minimum"
+    return (
+        f"floor: Z {lowest_um:.0f} um, by gantry.touch_z_um - surface_range_um - overtravel_um; "
+        f"below it, down to axes.z.minimum = {config.axes.z.minimum:.0f}, Z is never sent"
+    )
 
 
 def _board_problems(config: Config) -> list[tuple[str, str]]:

@@ -23,6 +23,8 @@ from vision.head import CircleHead
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+CLEAR_UM = 100.0
+"""Between the needle and the highest possible surface."""
 LOOPBACK = re.compile(r"ipc://.+|tcp://(127(\.\d{1,3}){3}|\[::1\]|localhost):(\d+|\*)")
 
 MOST_BYTES, LONGEST_LINE = 250_000, 1_000
@@ -139,13 +141,20 @@ class GantrySection(Section):
     """How the four axes move as one machine."""
 
     safe_z_um: Finite = Field(description="height at which the head may move sideways")
-    work_z_um: Finite = Field(description="height of every look; the map is calibrated for it")
-    touch_z_um: Finite = Field(description="height at which the tip touches the board")
+    work_z_um: Finite = Field(description="height of every look over a surface at touch_z_um; the map is for it")
+    touch_z_um: Finite = Field(description="height at which the tip touches the board, if it lies as it should")
     press_um: float = Field(
         default=0.0,
         ge=0,
         le=500,
-        description="how far below touch_z_um a surface may be pressed to measure it; 0: never",
+        description="how far the pin may be pushed in to measure a surface; 0: never",
+    )
+    surface_range_um: float = Field(
+        default=500.0, ge=0, le=2000, description="a surface lies within this of touch_z_um, above or below"
+    )
+    overtravel_um: float = Field(default=300.0, ge=0, le=1000, description="most that the pin may ever be pushed in")
+    descent_speed: float = Field(
+        default=2000.0, gt=0, le=2000, description="of Z below the highest possible surface, um per second"
     )
     approach_um: NotNegative = Field(default=200.0, description="overshoot for the one-sided approach")
     approach_deg: NotNegative = Field(default=0.5, description="the same for the head's angle")
@@ -155,7 +164,26 @@ class GantrySection(Section):
     def _heights(self) -> Self:
         if not self.touch_z_um <= self.work_z_um < self.safe_z_um:
             raise ValueError("heights must be touch_z_um <= work_z_um < safe_z_um")
+        if self.free_z_um >= self.safe_z_um:
+            raise ValueError(
+                f"safe_z_um must be above touch_z_um + surface_range_um + {CLEAR_UM:.0f}: a board there is hit"
+            )
         return self
+
+    @property
+    def highest_surface_um(self) -> float:
+        """Z at which the needle may first meet a surface of which nothing is known."""
+        return self.touch_z_um + self.surface_range_um
+
+    @property
+    def free_z_um(self) -> float:
+        """Z at which the needle is free of any surface that is possible."""
+        return self.highest_surface_um + CLEAR_UM
+
+    @property
+    def floor_z_um(self) -> float:
+        """Z below which the needle is never sent: the lowest possible surface minus the most overtravel."""
+        return self.touch_z_um - self.surface_range_um - max(self.overtravel_um, self.press_um)
 
 
 class LightsSection(Section):
@@ -365,6 +393,11 @@ class Config(Section):
             if not z.minimum <= height <= z.maximum:
                 raise ValueError(f"gantry.{name} = {height} lies outside axes.z {z.minimum}..{z.maximum}")
         return self
+
+    @property
+    def lowest_z_um(self) -> float:
+        """The lowest that Z is ever sent: the axis' own minimum, or the floor where that is higher."""
+        return max(self.axes.z.minimum, self.gantry.floor_z_um)
 
     def _addresses(self) -> dict[tuple[str, int], list[str]]:
         """Return who has which address on which line."""

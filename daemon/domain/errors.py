@@ -59,6 +59,11 @@ class FaultCode(Enum):
         3103, "the calibration was refused; the old one stays", "see detail, then calibrate again"
     )
     MOTION_FAILED = _Kind(3201, "an axis did not do what it was told", "find the cause, then `reset`", latched=True)
+    WRONG_HEIGHT = _Kind(
+        3203,
+        "the needle touches the board where it should hover",
+        "see that this board lies flat in its nest, then `calibrate` its surface",
+    )
     AXIS_STALLED = _Kind(3202, "an axis stopped short", "clear the axis, then `reset` and `home`", latched=True)
 
     LINK_LOST = _Kind(4101, "the bus does not answer", "check cable, power and address, then `reset`", latched=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -81,8 +82,12 @@ def _fiducials(request: Align, context: StationContext) -> list[BoardPoint]:
 
 
 def _nominal(context: StationContext, point: BoardPoint, theta_deg: float) -> Position:
-    """Return where to look for a fiducial: where the configuration has it, for the board may be another one."""
-    return context.geometry.position_at(context.geometry.nominal_um(point.place_um), theta_deg)
+    """Return where to look for a fiducial: where the configuration has it, for the board may be another one.
+
+    So its height is not known either, and the needle stays free of any.
+    """
+    over = context.geometry.position_at(context.geometry.nominal_um(point.place_um), theta_deg)
+    return replace(over, z_um=max(context.gantry.work_z_um, context.gantry.free_z_um))
 
 
 async def _place_um(sequence: MoveSequence, point: BoardPoint, place: Position, pose_map: PoseMap) -> Array:

@@ -10,6 +10,7 @@ from daemon.domain.states import Event
 from daemon.jobs.context import JobContext, Outcome, StationContext
 from daemon.procedures.aiming import describe, known_beforehand, look_and_aim
 from daemon.procedures.board_in_nest import require_board
+from daemon.procedures.height import describe_height, refuse_pushed, require_free
 from daemon.station.station import Search
 from daemon.wire.operations.jobs import Home, Lift, Look, Place
 from drivers.gantry import Position
@@ -45,7 +46,10 @@ async def lift(job: JobContext, context: StationContext, _request: Lift) -> Outc
 
 
 async def place(job: JobContext, context: StationContext, request: Place) -> Outcome:
-    """Put the tip over a test point by the head model and the board's nominal pose."""
+    """Put the tip over a test point by the head model and the board's nominal pose.
+
+    Where the tip is nobody looks: that it is there is what the drives say, and the answer says so.
+    """
     job.partial.test_point = request.test_point
     place_um = _place_of(request, context)
     if request.board_id is not None:
@@ -56,13 +60,32 @@ async def place(job: JobContext, context: StationContext, request: Place) -> Out
     job.fire(Event.ACCEPTED)
     job.fire(Event.SEEN)
     job.moves += 1
-    position = await context.station.go(target, job)
+    position = await context.station.go(target, job, slow_z_um=context.geometry.slow_z_um(target))
     job.fire(Event.ARRIVED)
     away_um = math.dist((position.x_um, position.y_um, position.z_um), (target.x_um, target.y_um, target.z_um))
     if away_um > ARRIVED_WITHIN_UM:
         raise Fault(FaultCode.MOTION_FAILED, f"the axes stand {away_um:.0f} um from where they were sent")
     job.note("move", _numbers(target))
-    return Outcome("placed", test_point=request.test_point, detail={"position": _numbers(position)})
+    detail = {"position": _numbers(position), "confirmed_by": "drives"} | describe_height(context, position)
+    await _see_free(job, context, position)
+    return Outcome("placed", test_point=request.test_point, detail=detail)
+
+
+async def _see_free(job: JobContext, context: StationContext, position: Position) -> None:
+    """Where the needle was lowered by a measured surface, see that it hovers: another board may lie there by now."""
+    pose_map, probe = context.calibrations.pose_map, context.calibrations.probe
+    if pose_map is None or probe is None or position.z_um >= context.gantry.free_z_um:
+        return
+    job.saw(await context.station.look_white(position, probe, None, job))
+
+    async def go(target: Position) -> Position:
+        job.fire(Event.OFF_TARGET)
+        job.moves += 1
+        reached = await context.station.go(target, job, slow_z_um=context.geometry.slow_z_um(target))
+        job.fire(Event.ARRIVED)
+        return reached
+
+    await require_free(job, context, pose_map, go)
 
 
 async def look(job: JobContext, context: StationContext, request: Look) -> Outcome:
@@ -74,11 +97,12 @@ async def look(job: JobContext, context: StationContext, request: Look) -> Outco
         point = context.board.point(request.test_point)
         pose_map = context.require_map()
         aim = await look_and_aim(job, context, position, point, pose_map, known_beforehand(context))
+        refuse_pushed(context, aim.look, pose_map)
         return Outcome(
             "looked",
             test_point=point.name,
             error_before_um=round(aim.error_um, 2),
-            detail=describe(aim.look, aim.target, aim.correction),
+            detail=describe(aim.look, aim.target, aim.correction) | describe_height(context, position),
         )
     return Outcome("looked", detail=await _look_freely(job, context, position))
 
@@ -86,11 +110,13 @@ async def look(job: JobContext, context: StationContext, request: Look) -> Outco
 async def _look_freely(job: JobContext, context: StationContext, position: Position) -> dict[str, object]:
     """Look without expecting any size; the answer lists all that was taken."""
     probe, pose_map = context.calibrations.probe, context.calibrations.pose_map
-    below_px = pose_map.below_tip_px if pose_map else (0.0, 0.0)
+    below_px = pose_map.below_px(context.geometry.height_below_um(position)) if pose_map else (0.0, 0.0)
     search = Search(below_px, FREE_LOOK_REACH_UM / context.camera.pitch_um, None)
     look = await context.station.look(position, probe, search, job)
     job.saw(look)
     body = describe(look, None, None)
+    if pose_map is not None:
+        refuse_pushed(context, look, pose_map)
     if look.seen is not None:
         body["taken"] = [
             {"x_px": round(p.x_px, 2), "y_px": round(p.y_px, 2), "kind": str(p.kind), "rule": p.rule}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from daemon.domain.states import Event
 from daemon.jobs.context import JobContext, Outcome, StationContext
 from daemon.procedures.aiming import STILL_UM, UNCLEAR, Aim, Prior, known_beforehand, look_and_aim
 from daemon.procedures.board_in_nest import require_board
+from daemon.procedures.height import describe_height, require_free
 from daemon.station.device_errors import as_fault
 from daemon.station.safe_shutdown import UNSURE
 from daemon.wire.operations.jobs import Correct
@@ -27,20 +29,20 @@ async def correct(job: JobContext, context: StationContext, request: Correct) ->
     """Bring the tip onto the test point it missed; a `Fault` says why that could not be done."""
     point, pose_map, start = await admit(job, context, request)
     job.fire(Event.ACCEPTED)
-    start = await context.station.to_work_height(start, job)
+    start = await _to_look_height(job, context, start)
     aim = await _first_aim(job, context, start, point, pose_map)
     before_um = math.dist(aim.place_um, (start.x_um, start.y_um))
     job.partial.error_before_um = round(before_um, 2)
     tolerance_um = context.servo.tolerance_um
     if aim.error_um <= tolerance_um:
-        return _outcome("corrected" if job.moves else "already_on_target", point, before_um, aim)
+        return _outcome("corrected" if job.moves else "already_on_target", point, before_um, aim, context)
     while job.moves < context.servo.max_moves:
         position = await _step(job, context, aim.look.position, _way(aim), pose_map)
         last_um, seen = aim.error_um, Prior(aim.shift_um, STILL_UM, firm=True)
-        aim = await look_and_aim(job, context, position, point, pose_map, seen)
+        aim = await _look(job, context, position, point, pose_map, seen)
         job.partial.error_after_um = round(aim.error_um, 2)
         if aim.error_um <= tolerance_um:
-            return _outcome("corrected", point, before_um, aim)
+            return _outcome("corrected", point, before_um, aim, context)
         _must_shrink(last_um, aim.error_um, context.servo.scatter_um)
     raise Fault(
         FaultCode.NOT_CONVERGING,
@@ -60,7 +62,7 @@ async def _first_aim(
     """
     prior = known_beforehand(context)
     try:
-        return await look_and_aim(job, context, start, point, pose_map, prior)
+        return await _look(job, context, start, point, pose_map, prior)
     except Fault as fault:
         if fault.kind not in UNCLEAR:
             raise
@@ -70,7 +72,7 @@ async def _first_aim(
     for aside_um in ((dx, dy), (-dx, -dy)):
         try:
             position = await _step(job, context, start, aside_um, pose_map)
-            return await look_and_aim(job, context, position, point, pose_map, prior)
+            return await _look(job, context, position, point, pose_map, prior)
         except (Fault, DeviceError) as exc:
             failed = as_fault(exc)
             if failed.kind in UNSURE:
@@ -91,6 +93,47 @@ def _first_cause(unclear: Fault, aside: Fault | None) -> Fault:
     return Fault(told.kind, told.message, **told.detail, **{name: ErrorBody.of(other).model_dump(mode="json")})
 
 
+def _look_z_um(context: StationContext, here: Position) -> float:
+    """Return Z for looks at a place: by its measured surface, else where Z is, from working height to free of any."""
+    geometry = context.geometry
+    z_um = geometry.look_z_um(geometry.tip_um(here))
+    if geometry.measured_um(geometry.tip_um(here)) is not None:
+        return z_um
+    return min(max(here.z_um, context.gantry.work_z_um), z_um)
+
+
+async def _to_look_height(job: JobContext, context: StationContext, here: Position) -> Position:
+    """Bring Z to where looks are taken at this place, unless it is there."""
+    slow_um = context.geometry.slow_z_um(here)
+    return await context.station.to_height(here, _look_z_um(context, here), job, slow_z_um=slow_um)
+
+
+async def _look(
+    job: JobContext,
+    context: StationContext,
+    position: Position,
+    point: BoardPoint,
+    pose_map: PoseMap,
+    prior: Prior | None,
+) -> Aim:
+    """Look and aim; a look that shows the pin pushed in is a fault, whatever else it shows."""
+
+    async def go(target: Position) -> Position:
+        job.fire(Event.OFF_TARGET if job.moves else Event.SEEN)
+        job.moves += 1
+        reached = await context.station.go(target, job, slow_z_um=context.geometry.slow_z_um(target))
+        job.fire(Event.ARRIVED)
+        return reached
+
+    try:
+        aim = await look_and_aim(job, context, position, point, pose_map, prior)
+    except Fault:
+        await require_free(job, context, pose_map, go)
+        raise
+    await require_free(job, context, pose_map, go)
+    return aim
+
+
 async def _step(
     job: JobContext, context: StationContext, here: Position, way_um: tuple[float, float], pose_map: PoseMap
 ) -> Position:
@@ -102,7 +145,7 @@ async def _step(
     await context.station.prepare_white(job)
     job.fire(Event.OFF_TARGET if job.moves else Event.SEEN)
     job.moves += 1
-    reached = await context.station.go(target, job)
+    reached = await context.station.go(target, job, slow_z_um=context.geometry.slow_z_um(target))
     job.note("move", {"x_um": round(target.x_um, 2), "y_um": round(target.y_um, 2), "theta_deg": here.theta_deg})
     job.fire(Event.ARRIVED)
     return reached
@@ -156,7 +199,8 @@ def _target(context: StationContext, here: Position, way_um: tuple[float, float]
             f"the correction would be {length_um:.0f} um; calibrated are {limit_um:.0f} um",
             correction_um=round(length_um, 1),
         )
-    target = Position(here.x_um + way_um[0], here.y_um + way_um[1], context.gantry.work_z_um, here.theta_deg)
+    level = Position(here.x_um + way_um[0], here.y_um + way_um[1], here.z_um, here.theta_deg)
+    target = replace(level, z_um=_look_z_um(context, level))
     context.station.check(target)
     return target
 
@@ -176,7 +220,7 @@ def _must_shrink(before_um: float, after_um: float, scatter_um: float) -> None:
         )
 
 
-def _outcome(outcome: str, point: BoardPoint, before_um: float, aim: Aim) -> Outcome:
+def _outcome(outcome: str, point: BoardPoint, before_um: float, aim: Aim, context: StationContext) -> Outcome:
     return Outcome(
         outcome,
         test_point=point.name,
@@ -186,5 +230,6 @@ def _outcome(outcome: str, point: BoardPoint, before_um: float, aim: Aim) -> Out
             "sigma_um": round(aim.correction.sigma_um, 2),
             "kind": str(aim.target.kind),
             "decided_by": aim.target.rule,
-        },
+        }
+        | describe_height(context, aim.look.position),
     )

@@ -17,15 +17,21 @@ class MoveSequence:
         self.job, self.context = job, context
         self._under_way = False
 
-    async def go(self, target: Position, *, from_above: frozenset[str] = BELOW) -> Position:
-        """Move and return where the drives say the head is; the white lamp is switched on ahead."""
+    async def go(
+        self, target: Position, *, from_above: frozenset[str] = BELOW, slow_z_um: float | None = None
+    ) -> Position:
+        """Move and return where the drives say the head is; the white lamp is switched on ahead.
+
+        `slow_z_um`: Z below which it goes down slowly; None: where this board's surface may be.
+        """
         job, station = self.job, self.context.station
         station.check(target)
         job.fire(Event.OFF_TARGET if self._under_way else Event.SEEN)
         self._under_way = True
         await station.prepare_white(job)
         job.moves += 1
-        position = await station.go(target, job, from_above=from_above)
+        slow_um = self.context.geometry.slow_z_um(target) if slow_z_um is None else slow_z_um
+        position = await station.go(target, job, from_above=from_above, slow_z_um=slow_um)
         job.note("move", {"x_um": round(target.x_um, 2), "y_um": round(target.y_um, 2), "theta_deg": target.theta_deg})
         job.fire(Event.ARRIVED)
         return position

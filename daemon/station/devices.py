@@ -150,6 +150,8 @@ def check_line_s(config: Config, buses: Mapping[str, ModbusBus]) -> float:
 def make_axes(config: Config, buses: Mapping[str, ModbusBus]) -> dict[str, Axis]:
     """Return the four axes on their lines; nothing is asked or moved yet."""
     sections = {name: getattr(config.axes, name) for name in ("x", "y", "z", "theta")}
+    # So the drive guards the floor too (607Dh)
+    sections["z"] = sections["z"].model_copy(update={"minimum": config.lowest_z_um})
     return {name: Axis(buses[section.bus], axis_config(name, section)) for name, section in sections.items()}
 
 
@@ -159,6 +161,9 @@ def _gantry(config: Config, buses: Mapping[str, ModbusBus]) -> Gantry:
         safe_z_um=config.gantry.safe_z_um,
         backlash_um=config.gantry.approach_um,
         backlash_theta_deg=config.gantry.approach_deg,
+        slow_z_um=config.gantry.highest_surface_um,
+        slow_um_s=config.gantry.descent_speed,
+        floor_z_um=config.gantry.floor_z_um,
     )
     return Gantry(axes, limits)
 

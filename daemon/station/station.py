@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import asyncio
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from daemon.config.model import Config
 from daemon.domain.board import BoardPoint
 from daemon.domain.errors import Fault, FaultCode
 from daemon.station.allowance import Clocked
 from daemon.station.devices import Hardware
+from daemon.station.free_pin import FreePin
 from daemon.station.needle import HEIGHT_WINDOW_UM, Needle, heights
 from drivers.camera import Frame
 from drivers.deadline import Deadline
@@ -25,6 +26,10 @@ from vision import ControlPoint, NotFound, ProbeModel, Seen, Tip, find_control_p
 from vision.geometry import PoseMap
 
 HOMED_WITHIN_S = 2.0
+SAME_PLACE_UM, SAME_PLACE_DEG = 1.0, 0.02
+"""A target this near to where the head stands is no move sideways."""
+LOOKS_FOR_FREE = 3
+"""How often a pin that seems pushed in is looked at before it counts as pushed in."""
 
 
 @dataclass(frozen=True)
@@ -81,6 +86,8 @@ class Station:
         """Where the needle is; told of every move and every position."""
         self.needle.adopt(*heights(config.gantry))
         self._resting_since_s = time.monotonic()
+        self._pressed: FreePin | None = None
+        """Set while the pin may be pushed in: from before it goes down to a surface until it was seen free again."""
 
     @property
     def exchanges(self) -> int:
@@ -98,35 +105,91 @@ class Station:
         self.needle.reported(position)
         return position
 
-    async def go(self, target: Position, caller: Clocked, *, from_above: frozenset[str] = frozenset()) -> Position:
+    async def go(
+        self,
+        target: Position,
+        caller: Clocked,
+        *,
+        from_above: frozenset[str] = frozenset(),
+        slow_z_um: float | None = None,
+    ) -> Position:
         """Move the head and return where the drives report it to be; cancelling stops it.
 
         Raises `Fault` for a target that is not straight above or below while the needle is not known to be up.
 
         `from_above`: axes that come to the target from above, against the rule; only who measures backlash wants that.
+        `slow_z_um`: Z below which it goes down slowly; None: where any possible surface may be. After a press nothing
+        moves sideways before the pin was seen free.
         """
         self._hardware.gantry.check(target)
+        if self._pressed is not None and not _straight(await self.position(caller), target):
+            await self.see_lifted(caller)
         if not self.needle.is_up:
             self.needle.refuse_sideways(self.needle.position or await self.position(caller), target)
         with caller.watch.spend("motion"):
-            return await self._move(target, caller.deadline, from_above)
+            return await self._move(target, caller.deadline, from_above, slow_z_um)
 
-    async def _move(self, target: Position, deadline: Deadline, from_above: frozenset[str] = frozenset()) -> Position:
+    async def _move(
+        self,
+        target: Position,
+        deadline: Deadline,
+        from_above: frozenset[str] = frozenset(),
+        slow_z_um: float | None = None,
+    ) -> Position:
         """Move, and let the needle know before and after."""
         self.needle.departs(target)
         try:
-            reached = await self._hardware.gantry.move_to(target, deadline, from_above=from_above)
+            reached = await self._hardware.gantry.move_to(target, deadline, from_above=from_above, slow_z_um=slow_z_um)
         finally:
             self._resting_since_s = time.monotonic()
         self.needle.reported(reached)
         return reached
 
-    async def to_work_height(self, position: Position, caller: Clocked) -> Position:
-        """Bring Z to the one height at which looks are taken; return the position."""
-        if abs(position.z_um - self._gantry_section.work_z_um) <= HEIGHT_WINDOW_UM:
+    async def to_height(
+        self, position: Position, z_um: float, caller: Clocked, *, slow_z_um: float | None = None
+    ) -> Position:
+        """Bring Z to a height, unless it is there already; return the position."""
+        if abs(position.z_um - z_um) <= HEIGHT_WINDOW_UM:
             return position
-        level = Position(position.x_um, position.y_um, self._gantry_section.work_z_um, position.theta_deg)
-        return await self.go(level, caller)
+        return await self.go(replace(position, z_um=z_um), caller, slow_z_um=slow_z_um)
+
+    def pressing(self, free: FreePin) -> None:
+        """Remember where the free tip is seen: from now on the pin may be pushed in."""
+        self._pressed = free
+
+    async def see_lifted(self, caller: Clocked) -> None:
+        """Lift straight up after a press, and see that the pin is free; raise `Fault` if it is not, or is not seen.
+
+        The drive's count is no proof: an axis that lost steps counts on.
+        """
+        free = self._pressed
+        if free is None:
+            return
+        position = await self.position(caller)
+        if position.z_um < free.z_um:
+            with caller.watch.spend("motion"):
+                position = await self._move(replace(position, z_um=free.z_um), caller.deadline)
+        off_px = 0.0
+        for _ in range(LOOKS_FOR_FREE):
+            tip = (await self.look_white(position, free.model, None, caller)).tip
+            if not isinstance(tip, Tip):
+                raise Fault(
+                    FaultCode.TIP_NOT_FOUND,
+                    "after a press the tip was not found, so that nobody knows whether the needle lifted",
+                    advice="look at the needle, then `home`: it lifts Z to its switch before anything moves sideways",
+                )
+            off_px = free.off_px(tip)
+            if off_px <= free.within_px:
+                self._pressed = None
+                return
+        raise Fault(
+            FaultCode.AXIS_STALLED,
+            f"Z did not lift the needle: by its count it is at {position.z_um / 1e3:.2f} mm, but the tip stands "
+            f"{off_px:.1f} px from its free place in the picture",
+            advice="lift Z by hand, find what blocks it, then `reset` and `home`",
+            axis="z",
+            off_px=round(off_px, 2),
+        )
 
     async def home(self, caller: Clocked) -> None:
         """Home all axes, Z first and up; where the needle is then is read back."""
@@ -136,6 +199,7 @@ class Station:
                 await self._hardware.gantry.home(caller.deadline)
             finally:
                 self._resting_since_s = time.monotonic()
+        self._pressed = None  # Z went up to its switch before anything else moved
         await self.position(caller)
 
     async def require_homed(self, caller: Clocked) -> None:
@@ -215,6 +279,13 @@ class Station:
             safe = Position(position.x_um, position.y_um, self._gantry_section.safe_z_um, position.theta_deg)
             position = await self._move(safe, deadline)
         return position
+
+
+def _straight(here: Position, target: Position) -> bool:
+    """Whether only Z differs."""
+    turn_deg = abs((here.theta_deg - target.theta_deg + 180.0) % 360.0 - 180.0)
+    away_um = max(abs(here.x_um - target.x_um), abs(here.y_um - target.y_um))
+    return away_um <= SAME_PLACE_UM and turn_deg <= SAME_PLACE_DEG
 
 
 def _search_tip(white: Frame, model: ProbeModel | None) -> Tip | NotFound | None:

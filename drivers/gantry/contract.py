@@ -1,5 +1,6 @@
 """Coordinates and settings of the machine, and what it needs of each axis. No I/O."""
 
+import math
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -10,7 +11,7 @@ from drivers.errors import EnvelopeViolation, MotionError
 THETA_LAST_DEG = 100.0
 THETA_FIRST_DEG = 140.0
 # A drive at an end of the range may read back this far outside: it counts whole increments
-READ_BACK_DEG = 0.001
+READ_BACK_DEG, READ_BACK_UM = 0.001, 0.01
 _GANTRY = "gantry"
 
 
@@ -34,6 +35,12 @@ class GantryConfig:
 
     safe_z_um: float = 12000.0
     """Height from which lateral and rotary moves are free."""
+    slow_z_um: float = -math.inf
+    """Highest place where the needle may meet a surface: below it Z goes down at `slow_um_s` only."""
+    slow_um_s: float = 2000.0
+    """Speed of Z's last stretch down, um/s."""
+    floor_z_um: float = -math.inf
+    """Z is never sent below this: the lowest possible surface minus the most that the pin may be pushed."""
     backlash_um: float = 50.0
     """X and Y come to every target from below, from at least this far; a target without that room is refused."""
     backlash_theta_deg: float = 0.5625
@@ -157,8 +164,8 @@ class GantryAxis(Protocol):
     def check(self, target_units: float) -> None:
         """Raise EnvelopeViolation for a target out of range."""
 
-    async def begin_move(self, target_units: float, deadline: Deadline) -> None:
-        """Start a move; returns when the drive has taken the target."""
+    async def begin_move(self, target_units: float, deadline: Deadline, speed_units_s: float | None = None) -> None:
+        """Start a move; returns when the drive has taken the target. `speed_units_s`: at most; None: the axis' own."""
 
     async def arrived(self, deadline: Deadline) -> bool:
         """Look at the move begun before; raise what made it fail."""

@@ -9,8 +9,25 @@ from dataclasses import replace
 import structlog
 
 from drivers.deadline import Deadline
-from drivers.errors import DeadlinePassed, DeviceError, LinkError, MotionError, MotionTimeout, NotHomed, Stalled
-from drivers.gantry.contract import AxisCondition, GantryAxis, GantryConfig, Position, SelfTest, axis_theta_deg
+from drivers.errors import (
+    DeadlinePassed,
+    DeviceError,
+    EnvelopeViolation,
+    LinkError,
+    MotionError,
+    MotionTimeout,
+    NotHomed,
+    Stalled,
+)
+from drivers.gantry.contract import (
+    READ_BACK_UM,
+    AxisCondition,
+    GantryAxis,
+    GantryConfig,
+    Position,
+    SelfTest,
+    axis_theta_deg,
+)
 from drivers.gantry.path import Ends, Leg, plan
 from drivers.shielded import finish
 
@@ -90,19 +107,29 @@ class Gantry:
     def check(self, target: Position) -> Position:
         """Give the target with theta as axis coordinate; raise EnvelopeViolation when it is out of reach."""
         wanted = _by_axis(replace(target, theta_deg=axis_theta_deg(target.theta_deg)))
+        if wanted["z"] < self.config.floor_z_um - READ_BACK_UM:
+            text = f"Z {wanted['z']:.1f} um is below the floor at {self.config.floor_z_um:.1f} um"
+            advice = "No surface lies so low: check the heights in the configuration."
+            raise EnvelopeViolation(text, device=_NAME, advice=advice)
         for name, at in wanted.items():
             self._axes[name].check(at)
         # What was read back at an end of the range may lie a rounded increment outside
         x, y, z, theta = (min(max(wanted[name], low), high) for name, (low, high) in self._ranges.items())
-        return Position(x, y, z, theta)
+        return Position(x, y, max(z, self.config.floor_z_um), theta)
 
     # ------------------------------------------------------------------ moves
     async def move_to(
-        self, target: Position, deadline: Deadline, *, from_above: frozenset[str] = frozenset()
+        self,
+        target: Position,
+        deadline: Deadline,
+        *,
+        from_above: frozenset[str] = frozenset(),
+        slow_z_um: float | None = None,
     ) -> Position:
         """Move to an absolute place and give where the drives report to be.
 
-        X, Y and theta come to it from below; those in `from_above` from above, to measure backlash.
+        X, Y and theta come to it from below; those in `from_above` from above, to measure backlash. Z goes down slowly
+        below `slow_z_um`: the highest that the surface can be there, None where only the configuration says it.
 
         Raises EnvelopeViolation, NotHomed or EmergencyStop before anything moves, MotionTimeout at the deadline, and
         what the axes raise. Cancellation stops all axes first.
@@ -113,7 +140,7 @@ class Gantry:
             if missing:
                 raise NotHomed(f"no reference on {', '.join(missing)}", device=_NAME)
             now = await self.position(deadline)
-            for leg in plan(now, place, self.config, self._ends, from_above):
+            for leg in plan(now, place, self.config, self._ends, from_above, slow_z_um):
                 await self._run(leg, deadline)
             reached = await self.position(deadline)
             self._check_arrival(place, reached)
@@ -125,7 +152,7 @@ class Gantry:
             z, safe_um = self._axes["z"], self.config.safe_z_um
             await z.home(deadline)
             if await z.position(deadline) < safe_um:
-                await self._run({"z": safe_um}, deadline)
+                await self._run(Leg({"z": safe_um}), deadline)
             await self._axes["theta"].home(deadline)
             try:
                 async with asyncio.TaskGroup() as group:
@@ -139,9 +166,9 @@ class Gantry:
 
         Those that stand are asked in the pause between two polls, so that looking at them delays nothing.
         """
-        for name, at in leg.items():
-            await self._axes[name].begin_move(at, deadline)
-        under_way = set(leg)
+        for name, at in leg.to.items():
+            await self._axes[name].begin_move(at, deadline, leg.speed_units_s)
+        under_way = set(leg.to)
         while under_way:
             for name in sorted(under_way):
                 if await self._axes[name].arrived(deadline):

@@ -6,8 +6,15 @@ from dataclasses import dataclass
 from drivers.errors import EnvelopeViolation
 from drivers.gantry.contract import GantryConfig, Position
 
-# Which axis goes where in one leg; the axes of a leg move together
-Leg = Mapping[str, float]
+
+@dataclass(frozen=True, slots=True)
+class Leg:
+    """Which axis goes where in one leg, each in its unit; the axes of a leg move together."""
+
+    to: Mapping[str, float]
+    speed_units_s: float | None = None
+    """At most; None: as fast as each axis may."""
+
 
 _NO_ROOM = "Choose a target farther inside, or let the axis' range reach farther where the machine allows it."
 # Sums of decimal numbers may be off by this much
@@ -25,28 +32,44 @@ class Ends:
 
 
 def plan(
-    now: Position, target: Position, config: GantryConfig, ends: Ends, from_above: frozenset[str] = frozenset()
+    now: Position,
+    target: Position,
+    config: GantryConfig,
+    ends: Ends,
+    from_above: frozenset[str] = frozenset(),
+    slow_z_um: float | None = None,
 ) -> list[Leg]:
     """List the legs: retract, go across with a one-sided approach, lower. Theta is the axis coordinate in both.
 
     A leg names only the axes that move. A pure Z move has no retract. Axes in `from_above` (x, y, theta) come from
-    the other side. Raises EnvelopeViolation for a target so near to an end that there is no room for the approach.
+    the other side. Below `slow_z_um` (None: the configuration's) Z goes down slowly; up it always goes fast. Raises
+    EnvelopeViolation for a target so near to an end that there is no room for the approach.
     """
     legs: list[Leg] = []
     across = _across(now, target, config, ends, from_above)
     z_um = now.z_um
     if across and z_um < config.safe_z_um:
         z_um = config.safe_z_um
-        legs.append({"z": z_um})
-    legs += across
+        legs.append(Leg({"z": z_um}))
+    legs += map(Leg, across)
     above_um = min(target.z_um + config.backlash_z_um, ends.z_um[1])
     if z_um < above_um and config.backlash_z_um > 0:
-        legs.append({"z": above_um})
-    legs.append({"z": target.z_um})
-    return legs
+        z_um = above_um
+        legs.append(Leg({"z": z_um}))
+    return legs + _down(z_um, target.z_um, config, config.slow_z_um if slow_z_um is None else slow_z_um)
 
 
-def _across(now: Position, target: Position, config: GantryConfig, ends: Ends, from_above: frozenset[str]) -> list[Leg]:
+def _down(from_um: float, to_um: float, config: GantryConfig, slow_z_um: float) -> list[Leg]:
+    """Go to a height: where the needle may meet a surface on the way, slowly from there on."""
+    if to_um >= min(from_um, slow_z_um):
+        return [Leg({"z": to_um})]
+    fast = [Leg({"z": slow_z_um})] if from_um > slow_z_um else []
+    return [*fast, Leg({"z": to_um}, config.slow_um_s)]
+
+
+def _across(
+    now: Position, target: Position, config: GantryConfig, ends: Ends, from_above: frozenset[str]
+) -> list[dict[str, float]]:
     """Go to a point below the target in X, Y and theta, then up to it: always the same flank of the screw.
 
     An axis that is there already stays: it came from the right side when it came.

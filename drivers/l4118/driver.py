@@ -1,6 +1,7 @@
 """One axis: a CiA 402 drive over the bus."""
 
 import asyncio
+import math
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
@@ -86,7 +87,7 @@ class Axis:
         ramp = self._counts(config.acceleration_units_s2)
         for entry in (od.PROFILE_ACCELERATION, od.PROFILE_DECELERATION, od.QUICK_STOP_DECELERATION):
             await drive.write_checked(entry, ramp, deadline)
-        drive.velocity_counts = self._counts(config.speed_units_s)
+        await drive.set_velocity(self._counts(config.speed_units_s), deadline)
         if findings.homed:
             await self._write_limits(deadline)
         return findings
@@ -182,8 +183,11 @@ class Axis:
                 await asyncio.sleep(self.config.poll_s)
         return await self.status(deadline)
 
-    async def begin_move(self, target_units: float, deadline: Deadline) -> None:
-        """Start an absolute move: returns when the drive has acknowledged the set-point."""
+    async def begin_move(self, target_units: float, deadline: Deadline, speed_units_s: float | None = None) -> None:
+        """Start an absolute move: returns when the drive has acknowledged the set-point.
+
+        `speed_units_s`: at most so fast (6081h), None: as fast as the axis may. It is written where it changes.
+        """
         self.check(target_units)
         target_units = min(max(target_units, self.config.min_units), self.config.max_units)
         before = await self._enable(Mode.PROFILE_POSITION, deadline)
@@ -192,6 +196,7 @@ class Axis:
             await self._command(Control.ENABLE, deadline)
             before = await self.status(deadline)
             await self._until(lambda s: not s.acknowledged, before, "old set-point acknowledge stays", deadline)
+        self._drive.velocity_counts = self._velocity_counts(speed_units_s)
         self._drive.target_increments = self.config.to_increments(target_units)
         await self._command(Control.NEW_SET_POINT, deadline)
         status = await self.status(deadline)
@@ -472,6 +477,14 @@ class Axis:
         if abs(real - wanted) > 0.25 * wanted:
             self._log.warning("axis.coarse_speed_unit", wanted_increments_s=wanted, set_increments_s=real)
         return counts
+
+    def _velocity_counts(self, speed_units_s: float | None) -> int:
+        """Give the profile speed as the drive counts it; a limit is rounded down, for faster is what must not be."""
+        own = self._counts(self.config.speed_units_s)
+        if speed_units_s is None or self._speed is None:
+            return own
+        limit = speed_units_s * abs(self.config.increments_per_unit) / self._speed.increments_s
+        return min(own, max(1, math.floor(limit + 1e-6)))
 
     async def _write_limits(self, deadline: Deadline) -> None:
         """Give the drive the axis' range as 607Dh, so that it guards it too."""

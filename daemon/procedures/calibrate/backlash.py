@@ -71,14 +71,18 @@ class _Visits:
         sequence, probe = self._sequence, self._sequence.context.calibrations.require_probe()
         await sequence.go(shifted(self._over, **{f"d{axis}_um": from_um}), from_above=from_above)
         position = await sequence.go(self._over, from_above=from_above)
-        sighting = await self._target.see(sequence.job, sequence.context, position, self._map.below_tip_px, REACH_PX)
+        height_um = sequence.context.geometry.height_below_um(position)
+        below_px = self._map.below_px(height_um)
+        sighting = await self._target.see(sequence.job, sequence.context, position, below_px, REACH_PX)
         if not isinstance(sighting, Sighting):
             raise Fault(
                 FaultCode.CALIBRATION_FAILED,
                 f"{self._target.name} was not seen: {sighting.why}",
                 advice="choose a mark that stands alone, or see that the printed cross is uncovered",
             )
-        way = self._map.correction(sighting.target_px, probe.tip_px, position.theta_deg, sighting.sigma_px)
+        way = self._map.correction(
+            sighting.target_px, probe.tip_px, position.theta_deg, sighting.sigma_px, height_um=height_um
+        )
         return -(way.dx_um if axis == "x" else way.dy_um)
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -16,6 +17,7 @@ import numpy as np
 from daemon.domain.errors import Fault, FaultCode
 from daemon.procedures.calibrate.targets import CalibrationTarget, Sighting
 from daemon.procedures.move_sequence import MoveSequence, shifted
+from daemon.procedures.surface_touch import tip_px
 from drivers.gantry import Position
 from vision.geometry import Array, MapPoint, PoseMap, fit_pose_map
 
@@ -30,6 +32,8 @@ RINGS = ((0.45, 6), (0.95, 10))
 MIN_SIGHTINGS = 9
 LIFTS = 3
 """How often the lift is measured; without X and Y moving in between only the camera's noise differs."""
+TOUCHED_PX = 1.5
+"""A tip that stands so much higher than above the surface is pushed in; the camera's noise alone is a tenth of it."""
 LIFT_REACH_PX = 20.0
 """Lifting by the hovering height moves the image by about half of this."""
 
@@ -45,11 +49,16 @@ class MapAcquisition:
     def __init__(self, sequence: MoveSequence, target: CalibrationTarget, theta_deg: float) -> None:
         self._sequence, self._target = sequence, target
         self._job, self._context = sequence.job, sequence.context
-        self.over = self._context.geometry.position_at(target.place_um, theta_deg)
+        geometry, gantry = self._context.geometry, self._context.gantry
+        over = geometry.position_at(target.place_um, theta_deg)
+        self.over = replace(over, z_um=gantry.work_z_um + (geometry.measured_um(target.place_um) or 0.0))
         self._reach_um = self._context.servo.max_placement_um
         self._reach_px = 2 * self._reach_um / self._context.camera.pitch_um
         self._hover_um = self._context.gantry.work_z_um - self._context.gantry.touch_z_um
         self.tip_px = self._context.calibrations.require_probe().tip_px
+        angle = self._context.calibrations.require_probe().angle_rad
+        self._needle = np.array([math.cos(angle), math.sin(angle)])
+        """Direction of the needle in the picture, towards its end."""
         self._why_unseen = ""
         self.sightings: list[MapPoint] = []
 
@@ -57,6 +66,30 @@ class MapAcquisition:
         """Return the corners of the acquisition, so that the envelope is checked before the first step."""
         r = 2 * self._reach_um
         return [shifted(self.over, dx, dy, dz) for dx in (-r, r) for dy in (-r, r) for dz in (0.0, self._hover_um)]
+
+    async def come_down(self) -> None:
+        """Come to working height over a surface whose height is not known: slowly, and seen to be free there.
+
+        X and Y stand still meanwhile, so that camera and needle flex alike in both looks. Raises `Fault` if the pin is
+        pushed in; the needle is then lifted again.
+        """
+        sequence, gantry = self._sequence, self._context.gantry
+        known = self._context.geometry.measured_um(self._target.place_um) is not None
+        if known or self.over.z_um >= gantry.free_z_um:
+            return
+        above = replace(self.over, z_um=gantry.free_z_um)
+        free = await tip_px(sequence, await sequence.go(above))
+        here = await tip_px(sequence, await sequence.go(self.over))
+        risen_px = float(np.dot(free - here, self._needle))
+        if risen_px > TOUCHED_PX:
+            await sequence.go(above)
+            raise Fault(
+                FaultCode.WRONG_HEIGHT,
+                f"{self._target.name} lies higher than it should: at working height the tip stands {risen_px:.1f} px "
+                "higher in the picture than above it",
+                advice="correct gantry.touch_z_um and work_z_um, or see that nothing lies below the board",
+                pushed_px=round(risen_px, 1),
+            )
 
     async def run(self) -> PoseMap:
         """MapAcquisition, see, fit; raise ValueError if that gives no map."""

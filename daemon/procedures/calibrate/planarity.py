@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,8 +12,8 @@ from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.states import Event
 from daemon.jobs.context import JobContext, Outcome, StationContext
 from daemon.procedures.calibrate.commit import Began, keep
-from daemon.procedures.move_sequence import MoveSequence, shifted
-from daemon.procedures.surface_touch import heights_um, press
+from daemon.procedures.move_sequence import MoveSequence
+from daemon.procedures.surface_touch import SurfaceSearch, heights_um
 from daemon.storage.calibration_records import SurfaceRecord, Touch
 from daemon.wire.operations.jobs import Calibrate
 from vision.geometry import Array, Surface, fit_plane
@@ -38,16 +39,17 @@ async def measure_surface(job: JobContext, context: StationContext, request: Cal
     await context.station.require_homed(job)
     points = _choose(context.board.test_points(), request.places, request.id)
     places = [context.geometry.position_over(point.place_um, request.theta_deg) for point in points]
-    deep_um = context.gantry.work_z_um - context.gantry.touch_z_um + press_um
+    sequence, pushes = MoveSequence(job, context), []
+    search = SurfaceSearch(sequence, pose_map)
     for place in places:
-        context.station.check(place)
-        context.station.check(shifted(place, dz_um=-deep_um))
+        context.station.check(replace(place, z_um=context.gantry.free_z_um))
+        context.station.check(replace(place, z_um=context.gantry.touch_z_um - press_um))
     job.fire(Event.ACCEPTED)
-    sequence, began, pushes = MoveSequence(job, context), Began.now(job), []
+    began = Began.now(job)
     for n, (point, place) in enumerate(zip(points, places, strict=True)):
         job.progress(n, len(places), f"touching {point.name}")
-        pushes.append(await press(sequence, place))
-    heights = heights_um(pushes, pose_map, press_um)
+        pushes.append(await search.press(place))
+    heights = heights_um(pushes, pose_map, press_um, context.gantry.touch_z_um)
     where = np.array([context.geometry.tip_um(place) for place in places])
     surface = _plane(where, np.array(heights))
     record = _record(surface, where, heights, began.facts(job, context))

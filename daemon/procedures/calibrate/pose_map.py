@@ -24,6 +24,7 @@ async def acquire_and_store(
     """Acquire a map, refuse a bad one with a `Fault`, store a good one; return the figures for the answer."""
     began = Began.now(job)
     try:
+        await acquisition.come_down()
         pose_map = await acquisition.run()
         refuse_bad_map(pose_map, acquisition)
     except ValueError as exc:

@@ -19,6 +19,7 @@ from daemon.procedures.calibrate.commit import on_disk
 from daemon.procedures.calibrate.targets import CalibrationTarget, Sighting
 from daemon.procedures.move_sequence import MoveSequence, shifted
 from daemon.procedures.surface_touch import card_height_um
+from daemon.station.kinematics import TRUSTED_UM
 from daemon.storage.calibration_records import SeenTarget, Stop, TrialLanding
 from daemon.storage.calibration_resume import Partial
 from drivers.gantry import Position
@@ -68,6 +69,8 @@ class RotationRun:
         self._control_um: Array = np.asarray(target.place_um, dtype=float)
         """Where the target seems to be by the head known so far; it follows the run-out from stop to stop."""
         self._missed: list[float] = []
+        self._touched = False
+        """Whether the print's height was measured."""
 
     # --- the run ------------------------------------------------------------------------------------------------
 
@@ -100,12 +103,14 @@ class RotationRun:
     async def _begin(self) -> None:
         """Find the target at the first angle, wherever it lies within reach, and measure how high its surface is."""
         self.measured, self._control_um = MeasuredAngle(), np.asarray(self.target.place_um, dtype=float)
+        self._touched = False
         servo, camera = self._context.servo, self._context.camera
         first = await self._stop_at(self._angles[0], 2 * servo.max_placement_um / camera.pitch_um)
         if isinstance(first, str):
             raise _lost(f"the {self.target.name} was not seen at {self._angles[0]:.1f} deg: {first}")
         height_um = await card_height_um(self._sequence, self._map, self._over(self._angles[0]))
         self.measured = replace(self.measured, card_height_um=height_um)
+        self._touched = self._context.gantry.press_um > 0.0
 
     async def _visit(self, angle: float) -> None:
         """Measure one angle and keep it; an angle may be missed, many may not."""
@@ -168,9 +173,9 @@ class RotationRun:
     async def _look_from(self, place: Position, reach_px: float) -> Sighting | str:
         """Go there and look; if the needle hides the target, look from beside; return why if no place shows it."""
         why = ""
-        offset = self._map.below_px(self.measured.card_height_um)
+        offset = self._map.below_px(self._height_um(place))
         for dx_um, dy_um in ASIDE_UM:
-            position = await self._sequence.go(shifted(place, dx_um, dy_um))
+            position = await self._sequence.go(shifted(place, dx_um, dy_um), slow_z_um=self._slow_um)
             seen = await self.target.see(self._job, self._context, position, offset, reach_px)
             if isinstance(seen, Sighting):
                 return seen
@@ -185,18 +190,38 @@ class RotationRun:
             tip_px,
             sighting.position.theta_deg,
             sighting.sigma_px,
-            height_um=self.measured.card_height_um,
+            height_um=self._height_um(sighting.position),
         )
         return way.dx_um, way.dy_um
 
     def _over(self, angle: float) -> Position:
         """Return where the head should stand for the tip to be on the target, by all that is known so far."""
         x_um, y_um = self._control_um - self._head.tip_offset_um(angle)
-        return Position(float(x_um), float(y_um), self._context.gantry.work_z_um, angle)
+        return Position(float(x_um), float(y_um), self._z_um, angle)
+
+    @property
+    def _z_um(self) -> float:
+        """Z of every look: as far from the print as the map was made, or free of any, until its height is measured."""
+        gantry = self._context.gantry
+        if self._touched:
+            return gantry.work_z_um + self.measured.card_height_um
+        return max(gantry.work_z_um, gantry.free_z_um)
+
+    @property
+    def _slow_um(self) -> float:
+        """Z below which the needle may meet the print."""
+        gantry = self._context.gantry
+        if self._touched:
+            return gantry.touch_z_um + self.measured.card_height_um + TRUSTED_UM
+        return gantry.highest_surface_um
+
+    def _height_um(self, position: Position) -> float:
+        """Return how much nearer to the head the print is than a nominal surface is at working height."""
+        return self.measured.card_height_um - (position.z_um - self._context.gantry.work_z_um)
 
     async def _moved_um(self, stop: Stop) -> float | str:
         """Measure a stop again; return how far it is from where it was, or why it was not seen."""
-        place = Position(stop.x_um, stop.y_um, self._context.gantry.work_z_um, stop.theta_deg)
+        place = Position(stop.x_um, stop.y_um, self._z_um, stop.theta_deg)
         sighting = await self._look_from(place, REACH_PX)
         if isinstance(sighting, str):
             return sighting
@@ -225,7 +250,7 @@ class RotationRun:
         if partial is None or not partial.stops or not partial.same_run(self._partial()):
             return False
         left = MeasuredAngle(partial.card_height_um, partial.stops, partial.sightings)
-        self.measured = left
+        self.measured, self._touched = left, self._context.gantry.press_um > 0.0
         last = left.stops[-1]
         away = await self._moved_um(last)
         if isinstance(away, str) or away > MAX_CLOSURE_UM:

@@ -23,7 +23,10 @@ _WHICH_BOARD = "which board lies in the nest, a serial number for example; refus
 
 
 class Correct(JobRequest):
-    """Look, move the tip onto the test point, verify."""
+    """Look, move the tip onto the test point, verify.
+
+    The result's `detail` tells the board's height as that of `place` does.
+    """
 
     op: Literal["correct"]
     test_point: Name = Field(description="name of the point over which the head stands, as the board file has it")
@@ -31,7 +34,13 @@ class Correct(JobRequest):
 
 
 class Place(JobRequest):
-    """Put the tip over a test point or a place, by the head model and the board's nominal pose, at working height."""
+    """Put the tip over a test point or a place, by the head model and the board's nominal pose.
+
+    The needle hovers at working height over the measured surface; where this board's was not measured, above the
+    highest that is possible. In the result's `detail`: `height` (`measured` or `unknown`), `height_um` or
+    `height_within_um`, and `parallax_um`, how far aside a look may see a pad whose height is unknown; `confirmed_by` is
+    `drives`, for nobody looked where the tip is.
+    """
 
     op: Literal["place"]
     test_point: Name | None = None

@@ -38,6 +38,9 @@ def test_check_config_accepts_the_example_with_its_board(station: Path) -> None:
     code, output = _run("check-config", str(station))
     assert code == 0, output
     assert "good" in output
+    assert "floor: Z 4200 um" in output, "an axis' minimum lower than that is not used"
+    notes = json.loads(_run("check-config", str(station), "--json")[1])["notes"]
+    assert [note.partition(",")[0] for note in notes] == ["floor: Z 4200 um"]
 
 
 def test_check_config_names_every_problem(station: Path) -> None:

@@ -74,3 +74,45 @@ def test_a_missing_or_torn_file_says_so(tmp_path: Path) -> None:
     assert "cannot be read" in _problems(tmp_path / "none.toml")["(file)"]
     (tmp_path / "torn.toml").write_text("[station\nname=")
     assert "is not TOML" in _problems(tmp_path / "torn.toml")["(file)"]
+
+
+# --- heights --------------------------------------------------------------------------------------------------------
+
+
+def test_heights_that_say_nothing_of_the_surface_have_a_range_an_overtravel_and_a_slow_descent(tmp_path: Path) -> None:
+    """Files from before these fields stay good."""
+    left_out = tuple((line + "\n", "") for line in EXAMPLE.read_text().splitlines() if "surface_range_um = " in line
+                     or "overtravel_um = " in line or "descent_speed = " in line)  # fmt: skip
+    assert len(left_out) == 3
+    gantry = load_config(_changed(tmp_path, *left_out)).gantry
+    assert (gantry.surface_range_um, gantry.overtravel_um, gantry.descent_speed) == (500.0, 300.0, 2000.0)
+    assert (gantry.highest_surface_um, gantry.free_z_um) == (5500.0, 5600.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "lowest_um"),
+    [
+        (("overtravel_um = 300.0", "overtravel_um = 300.0"), 4200.0),
+        (("overtravel_um = 300.0", "overtravel_um = 100.0"), 4300.0),  # the press counts where it is more
+        (("surface_range_um = 500.0", "surface_range_um = 150.0"), 4550.0),
+        (("minimum = 0.0\nmaximum = 30000.0", "minimum = 4700.0\nmaximum = 30000.0"), 4700.0),
+    ],
+)
+def test_the_floor_is_the_lowest_surface_less_the_most_overtravel(
+    tmp_path: Path, change: tuple[str, str], lowest_um: float
+) -> None:
+    assert load_config(_changed(tmp_path, change)).lowest_z_um == lowest_um
+
+
+@pytest.mark.parametrize(
+    ("change", "where", "what"),
+    [
+        (("descent_speed = 2000.0", "descent_speed = 2000.1"), "gantry.descent_speed", "less than or equal to 2000"),
+        (("surface_range_um = 500.0", "surface_range_um = -1.0"), "gantry.surface_range_um", "greater than or equal"),
+        (("safe_z_um = 12000.0", "safe_z_um = 5600.0"), "gantry", "above touch_z_um + surface_range_um + 100"),
+    ],
+)
+def test_heights_at_which_a_board_would_be_hit_are_refused(
+    tmp_path: Path, change: tuple[str, str], where: str, what: str
+) -> None:
+    assert what in _problems(_changed(tmp_path, change))[where]

@@ -128,6 +128,10 @@ class FakeGantry:
     failures: dict[int, Exception] = field(default_factory=dict)
     """Number of a move, from 1 -> what it raises."""
     moves: list[tuple[Position, frozenset[str]]] = field(default_factory=list)
+    slow_z_um: list[float] = field(default_factory=list)
+    """Of each move: below which height Z went down slowly."""
+    sticks_at_um: float | None = None
+    """Z stays there from now on, whatever it is told, and counts on: lost steps."""
     checked: list[Position] = field(default_factory=list)
     stopped: int = 0
     homings: int = 0
@@ -142,6 +146,8 @@ class FakeGantry:
         axes = self.config.axes
         place = replace(target, theta_deg=axis_theta_deg(target.theta_deg))
         limits = ((place.x_um, axes.x), (place.y_um, axes.y), (place.z_um, axes.z), (place.theta_deg, axes.theta))
+        if place.z_um < self.config.lowest_z_um:
+            raise EnvelopeViolation(f"Z {place.z_um} is below the floor", device="gantry")
         for at, axis in limits:
             if not axis.minimum <= at <= axis.maximum:
                 raise EnvelopeViolation(f"{at} is out of reach", device="gantry")
@@ -162,9 +168,15 @@ class FakeGantry:
             raise trouble
 
     async def move_to(
-        self, target: Position, deadline: Deadline, *, from_above: frozenset[str] = frozenset()
+        self,
+        target: Position,
+        deadline: Deadline,
+        *,
+        from_above: frozenset[str] = frozenset(),
+        slow_z_um: float | None = None,
     ) -> Position:
         self.asked.append(deadline)
+        self.slow_z_um.append(self.config.gantry.highest_surface_um if slow_z_um is None else slow_z_um)
         self.moves.append((target, from_above))
         trouble = self.failures.get(len(self.moves))
         if trouble is not None:
@@ -176,6 +188,7 @@ class FakeGantry:
         self.reported = replace(place, x_um=place.x_um + off_x, y_um=place.y_um + off_y, z_um=place.z_um + off_z)
         self.actual = replace(
             self.reported,
+            z_um=self.reported.z_um if self.sticks_at_um is None else self.sticks_at_um,
             x_um=self.reported.x_um + scatter_x + play["x"],
             y_um=self.reported.y_um + scatter_y + play["y"],
         )
@@ -272,6 +285,7 @@ class World:
         self.station = ScriptedStation(self)
         self.calibrations = Calibrations(folder, config.station.name)
         self.geometry = Geometry(config, board, self.calibrations)
+        self.station.needle.adopt(self.geometry.up_z_um, self.geometry.surface_z_um)
         self.context = StationContext(config, self.station, board, self.calibrations, self.geometry)
         # --- the truth
         self.true_map = pose_map()

@@ -109,7 +109,7 @@ async def test_place_puts_the_tip_over_a_test_point(world: World) -> None:
     assert (ran.got.outcome, ran.got.test_point, ran.job.moves) == ("placed", "A", 1)
     at = ran.got.detail["position"]
     assert at["theta_deg"] == -160.0
-    assert at["z_um"] == 5_200.0
+    assert at["z_um"] == 5_600.0
     assert [kind for kind, _ in ran.steps] == ["move"]
 
 

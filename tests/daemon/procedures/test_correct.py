@@ -161,9 +161,9 @@ async def test_the_needle_is_brought_to_working_height_before_the_first_look(wor
     world.put_beside("A", (200.0, 0.0))
     world.gantry.reported = world.gantry.actual = replace(world.gantry.actual, z_um=12_000.0)
     ran = await _correct(world)
-    assert world.gantry.moves[0][0].z_um == WORK_Z_UM
+    assert world.gantry.moves[0][0].z_um == world.config.gantry.free_z_um, "nobody knows how high the board lies"
     assert ran.job.moves == 1, "the way down is no correction"
-    assert ran.got.error_before_um == pytest.approx(200.0, abs=0.02)
+    assert ran.got.error_before_um == pytest.approx(200.0, abs=0.2)
 
 
 async def test_it_is_refused_where_homing_probe_or_map_is_missing(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import AsyncExitStack
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
@@ -158,3 +159,13 @@ async def test_recovery_clears_the_drives_before_it_starts_them_and_ends_in_the_
     machine = Machine(_health("x", RUNS))
     await _opened(machine).recover(SOON)
     assert machine.did == ["reset", "start", "dark"]
+
+
+def test_the_drive_of_z_is_told_the_floor_as_its_lower_limit(tmp_path: Path) -> None:
+    """5000 nominal, less 500 of range and 300 of overtravel; the axis' own minimum where that is higher."""
+    buses = cast("Any", {"main": SimpleNamespace(label=lambda _address, _name: None)})
+    axes = hardware.make_axes(_config(tmp_path), buses)
+    assert axes["z"].config.min_units == 4200.0
+    assert (axes["x"].config.min_units, axes["theta"].config.min_units) == (0.0, -220.0)
+    higher = _config(tmp_path, ("minimum = 0.0\nmaximum = 30000.0", "minimum = 4500.0\nmaximum = 30000.0"))
+    assert hardware.make_axes(higher, buses)["z"].config.min_units == 4500.0

@@ -82,11 +82,11 @@ def test_the_tip_goes_round_the_configured_circle_until_a_head_is_calibrated(
 
 
 @pytest.mark.parametrize("theta_deg", [0.0, 77.0, 250.0])
-def test_the_head_goes_where_the_tip_is_over_the_place_at_working_height(
+def test_the_head_goes_where_the_tip_is_over_the_place_free_of_any_surface(
     geometry: Geometry, config: Config, theta_deg: float
 ) -> None:
     over = geometry.position_over(PLACE, theta_deg)
-    assert (over.z_um, over.theta_deg) == (config.gantry.work_z_um, theta_deg)
+    assert (over.z_um, over.theta_deg) == (config.gantry.touch_z_um + 500.0 + 100.0, theta_deg)
     assert geometry.tip_um(over) == pytest.approx((68000.0, 53000.0))
     assert geometry.from_tip_um(PLACE, over) == pytest.approx((0.0, 0.0), abs=1e-6)
 
@@ -100,7 +100,7 @@ def test_a_place_is_told_relative_to_the_tip(geometry: Geometry) -> None:
 def test_a_surface_never_measured_is_at_the_nominal_height_and_a_measured_one_where_it_was_found(
     geometry: Geometry, calibrations: Calibrations
 ) -> None:
-    at = geometry.position_at((51000.0, 42000.0), 120.0)
+    at = replace(geometry.position_at((51000.0, 42000.0), 120.0), z_um=5200.0)
     assert geometry.height_um((51000.0, 42000.0)) == geometry.height_below_um(at) == 0.0
     calibrations.in_force = replace(calibrations.in_force, surface=SURFACE)
     # 1 mm along x rises by 2 um, 2 mm along y fall by 6 um

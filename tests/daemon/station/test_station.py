@@ -139,9 +139,9 @@ async def test_a_target_out_of_reach_is_refused(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize(("z_um", "moves"), [(5_205.0, 0), (5_195.0, 0), (5_205.1, 1), (5_194.9, 1), (12_000.0, 1)])
-async def test_z_is_brought_to_working_height_unless_it_is_there(bench: Bench, z_um: float, moves: int) -> None:
+async def test_z_is_brought_to_a_height_unless_it_is_there(bench: Bench, z_um: float, moves: int) -> None:
     at = replace(HERE, z_um=z_um, theta_deg=7.0)
-    reached = await bench.station.to_work_height(at, bench.caller)
+    reached = await bench.station.to_height(at, 5_200.0, bench.caller)
     assert reached == (replace(at, z_um=5_200.0) if moves else at)
     assert len(bench.gantry.moves) == moves
 

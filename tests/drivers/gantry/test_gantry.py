@@ -57,11 +57,16 @@ class Machine:
             await asyncio.sleep(0.001)
 
 
-async def _machine(make_line: MakeLine, open_bus: OpenBus, axes: Mapping[str, AxisConfig]) -> Machine:
+async def _machine(
+    make_line: MakeLine,
+    open_bus: OpenBus,
+    axes: Mapping[str, AxisConfig],
+    config: GantryConfig = GantryConfig(),  # noqa: B008 - frozen
+) -> Machine:
     drives = {name: DriveModel(config.address, step=20_000_000) for name, config in axes.items()}
     line = make_line(several(*drives.values()))
     bus = await open_bus(line, timeout_s=0.4, late_reply_s=0.4, attempts=2)
-    return Machine(Gantry({name: Axis(bus, c) for name, c in axes.items()}, GantryConfig()), drives, line)
+    return Machine(Gantry({name: Axis(bus, c) for name, c in axes.items()}, config), drives, line)
 
 
 @pytest.fixture
@@ -467,3 +472,34 @@ async def test_an_axis_that_stands_at_its_end_stays_there_while_the_others_move(
     """It should allow what asks for no move of that axis, such as raising the needle after homing."""
     await homed.gantry.move_to(Position(0.0, 0.0, 12000.0, 0.0), soon)
     assert homed.at("x") == 0.0
+
+
+# ---------------------------------------------------------------- down to a surface
+SLOW = GantryConfig(slow_z_um=5500.0, slow_um_s=2000.0, floor_z_um=4200.0)
+
+
+async def test_z_meets_a_surface_slowly(make_line: MakeLine, open_bus: OpenBus, soon: Deadline) -> None:
+    """It should lower Z slowly where a surface may be, and lift it at full speed."""
+    machine = await _machine(make_line, open_bus, AXES, SLOW)
+    await machine.gantry.home(soon)
+    z = machine.drives["z"]
+    await machine.gantry.move_to(dataclasses.replace(PLACE, z_um=5000.0), soon)
+    # 2 mm/s of a 2 mm screw; the axis' own speed is 10 mm/s
+    assert (z.od[0x6081, 0][1], z.log[-2:]) == (60, [f"move {-24500 * 1638.4:.0f}", f"move {-25000 * 1638.4:.0f}"])
+    await machine.gantry.move_to(dataclasses.replace(PLACE, z_um=5600.0), soon)
+    assert z.od[0x6081, 0][1] == 300
+    await machine.gantry.move_to(dataclasses.replace(PLACE, z_um=5200.0), soon, slow_z_um=5100.0)
+    assert z.od[0x6081, 0][1] == 300, "whoever knows the surface says so"
+
+
+async def test_nothing_is_sent_below_the_floor(make_line: MakeLine, open_bus: OpenBus, soon: Deadline) -> None:
+    """It should refuse the target before anything moves, though the axis could go there."""
+    machine = await _machine(make_line, open_bus, AXES, SLOW)
+    await machine.gantry.home(soon)
+    for drive in machine.drives.values():
+        drive.log.clear()
+    for z_um in (4199.9, 0.0):
+        with pytest.raises(EnvelopeViolation, match="below the floor at 4200"):
+            await machine.gantry.move_to(dataclasses.replace(PLACE, z_um=z_um), soon)
+    assert all(drive.log == [] for drive in machine.drives.values())
+    await machine.gantry.move_to(dataclasses.replace(PLACE, z_um=4200.0), soon)

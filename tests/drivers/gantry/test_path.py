@@ -1,6 +1,8 @@
 """The legs of a move, and the coordinate of the head."""
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -8,10 +10,15 @@ from hypothesis import strategies as st
 
 from drivers.errors import EnvelopeViolation
 from drivers.gantry import GantryConfig, Position, axis_theta_deg
-from drivers.gantry.path import Ends, plan
+from drivers.gantry.path import Ends, Leg, plan
 
 ENDS = Ends((0.0, 200000.0), (0.0, 150000.0), (0.0, 30000.0), (-220.0, 100.0))
 CONFIG = GantryConfig()
+
+
+def _ways(*planned: Any) -> list[Mapping[str, float]]:
+    """Return where the legs go, whatever their speed."""
+    return [leg.to for leg in plan(*planned)]
 
 
 def places() -> st.SearchStrategy[Position]:
@@ -44,7 +51,7 @@ def test_every_path_is_safe(now: Position, target: Position, backlash_z_um: floa
     ranges = {"x": ENDS.x_um, "y": ENDS.y_um, "z": ENDS.z_um, "theta": ENDS.theta_deg}
     backlash = {"x": config.backlash_um, "y": config.backlash_um, "theta": config.backlash_theta_deg}
     for leg in plan(now, target, config, ENDS):
-        for name, to in leg.items():
+        for name, to in leg.to.items():
             low, high = ranges[name]
             assert low <= to <= high
             if name != "z":
@@ -74,42 +81,42 @@ def test_a_target_without_room_for_its_approach_is_refused(
     now = Position(5000.0, 5000.0, 20000.0, 0.0)
     with pytest.raises(EnvelopeViolation, match=says):
         plan(now, replace(now, **change), CONFIG, ENDS, from_above)
-    assert plan(now, replace(now, x_um=50.0), CONFIG, ENDS)[:2] == [{"x": 0.0}, {"x": 50.0}]
+    assert [leg.to for leg in plan(now, replace(now, x_um=50.0), CONFIG, ENDS)[:2]] == [{"x": 0.0}, {"x": 50.0}]
 
 
 def test_a_pure_z_move_needs_no_retract() -> None:
     """It should go straight."""
     now, target = Position(5000.0, 5000.0, 5200.0, 0.0), Position(5000.2, 5000.0, 5300.0, 0.0)
-    assert plan(now, target, CONFIG, ENDS) == [{"z": 5300.0}]
+    assert _ways(now, target, CONFIG, ENDS) == [{"z": 5300.0}]
     slow = GantryConfig(backlash_z_um=20.0)
-    assert plan(now, target, slow, ENDS) == [{"z": 5320.0}, {"z": 5300.0}]
-    assert plan(now, Position(5000.0, 5000.0, 5000.0, 0.0), slow, ENDS) == [{"z": 5000.0}]
+    assert _ways(now, target, slow, ENDS) == [{"z": 5320.0}, {"z": 5300.0}]
+    assert _ways(now, Position(5000.0, 5000.0, 5000.0, 0.0), slow, ENDS) == [{"z": 5000.0}]
 
 
 def test_the_smallest_play_of_z_is_approached_from_above_and_an_axis_that_is_there_stays() -> None:
     """It should lower by the play even of half a micrometre, and name no leg that goes nowhere."""
     target = Position(5000.0, 5000.0, 5300.0, 0.0)
     fine = GantryConfig(backlash_z_um=0.5)
-    assert plan(replace(target, z_um=5200.0), target, fine, ENDS) == [{"z": 5300.5}, {"z": 5300.0}]
-    assert plan(replace(target, z_um=5300.5), target, fine, ENDS) == [{"z": 5300.0}]
+    assert _ways(replace(target, z_um=5200.0), target, fine, ENDS) == [{"z": 5300.5}, {"z": 5300.0}]
+    assert _ways(replace(target, z_um=5300.5), target, fine, ENDS) == [{"z": 5300.0}]
 
 
 def test_z_comes_from_no_higher_than_its_range() -> None:
     top = ENDS.z_um[1]
     now, target = Position(5000.0, 5000.0, 5200.0, 0.0), Position(5000.0, 5000.0, top - 10.0, 0.0)
-    assert plan(now, target, GantryConfig(backlash_z_um=20.0), ENDS) == [{"z": top}, {"z": top - 10.0}]
+    assert _ways(now, target, GantryConfig(backlash_z_um=20.0), ENDS) == [{"z": top}, {"z": top - 10.0}]
 
 
 def test_a_head_at_the_safe_height_goes_across_at_once() -> None:
     now, target = Position(1000.0, 5000.0, CONFIG.safe_z_um, 0.0), Position(9000.0, 5000.0, 5200.0, 0.0)
-    assert plan(now, target, CONFIG, ENDS) == [{"x": 9000.0}, {"z": 5200.0}]
+    assert _ways(now, target, CONFIG, ENDS) == [{"x": 9000.0}, {"z": 5200.0}]
 
 
 @pytest.mark.parametrize("off_um", [CONFIG.same_place_um, -CONFIG.same_place_um])
 def test_an_axis_as_near_as_the_same_place_stays_and_one_farther_off_moves(off_um: float) -> None:
     now = Position(5000.0, 5000.0, 20000.0, 0.0)
-    assert plan(now, replace(now, x_um=5000.0 + off_um), CONFIG, ENDS) == [{"z": 20000.0}]
-    assert plan(now, replace(now, x_um=5000.0 + 1.25 * off_um), CONFIG, ENDS)[-2] == {"x": 5000.0 + 1.25 * off_um}
+    assert _ways(now, replace(now, x_um=5000.0 + off_um), CONFIG, ENDS) == [{"z": 20000.0}]
+    assert _ways(now, replace(now, x_um=5000.0 + 1.25 * off_um), CONFIG, ENDS)[-2] == {"x": 5000.0 + 1.25 * off_um}
 
 
 @pytest.mark.parametrize(("from_above", "side"), [(frozenset(), -1.0), (frozenset({"x"}), 1.0)])
@@ -118,15 +125,15 @@ def test_an_axis_that_stands_off_by_the_play_on_the_right_side_goes_straight(
 ) -> None:
     target = Position(5000.0, 5000.0, 20000.0, 0.0)
     now = replace(target, x_um=5000.0 + side * CONFIG.backlash_um)
-    assert plan(now, target, CONFIG, ENDS, from_above) == [{"x": 5000.0}, {"z": 20000.0}]
+    assert _ways(now, target, CONFIG, ENDS, from_above) == [{"x": 5000.0}, {"z": 20000.0}]
     nearer = replace(target, x_um=5000.0 + side * (CONFIG.backlash_um - 1.0))
-    assert plan(nearer, target, CONFIG, ENDS, from_above)[0] == {"x": now.x_um}
+    assert _ways(nearer, target, CONFIG, ENDS, from_above)[0] == {"x": now.x_um}
 
 
 def test_a_small_correction_retracts_and_comes_from_below() -> None:
     """It should take the whole way for the smallest lateral correction."""
     now, target = Position(5000.0, 5000.0, 5200.0, 10.0), Position(4990.0, 5008.0, 5200.0, 10.0)
-    assert plan(now, target, CONFIG, ENDS) == [
+    assert _ways(now, target, CONFIG, ENDS) == [
         {"z": 12000.0},
         {"x": 4940.0, "y": 4958.0},
         {"x": 4990.0, "y": 5008.0},
@@ -137,7 +144,7 @@ def test_a_small_correction_retracts_and_comes_from_below() -> None:
 def test_an_axis_already_below_goes_straight() -> None:
     """It should not back off where the way comes from the right side anyway."""
     now, target = Position(1000.0, 2000.0, 20000.0, 0.0), Position(9000.0, 9000.0, 12000.0, 90.0)
-    assert plan(now, target, CONFIG, ENDS) == [
+    assert _ways(now, target, CONFIG, ENDS) == [
         {"x": 9000.0, "y": 9000.0, "theta": 90.0},
         {"z": 12000.0},
     ]
@@ -176,7 +183,7 @@ def test_an_axis_asked_to_come_from_above_does_and_the_others_do_not(now: Positi
     """Whoever measures the play needs both sides; every other rule of a path holds for both."""
     at = {"x": now.x_um, "y": now.y_um, "z": now.z_um}
     for leg in plan(now, target, CONFIG, ENDS, frozenset({"x"})):
-        for name, to in leg.items():
+        for name, to in leg.to.items():
             if name in ("x", "y"):
                 assert at["z"] >= CONFIG.safe_z_um
             if name == "x" and to == target.x_um:
@@ -188,3 +195,38 @@ def test_an_axis_asked_to_come_from_above_does_and_the_others_do_not(now: Positi
             if name in at:
                 at[name] = to
     assert at["z"] == target.z_um
+
+
+# --- slowly where a surface may be --------------------------------------------------------------------------------
+
+SLOW = GantryConfig(slow_z_um=5500.0, slow_um_s=2000.0)
+
+
+def test_below_the_highest_possible_surface_z_goes_down_slowly() -> None:
+    """It should go fast to where a surface may be, slowly from there on, and fast up again."""
+    now = Position(5000.0, 5000.0, 12000.0, 0.0)
+    low = replace(now, z_um=4800.0)
+    assert plan(now, low, SLOW, ENDS) == [Leg({"z": 5500.0}), Leg({"z": 4800.0}, 2000.0)]
+    assert plan(now, replace(now, z_um=5500.0), SLOW, ENDS) == [Leg({"z": 5500.0})]
+    assert plan(replace(now, z_um=5400.0), low, SLOW, ENDS) == [Leg({"z": 4800.0}, 2000.0)]
+    assert plan(low, now, SLOW, ENDS) == [Leg({"z": 12000.0})]
+    assert plan(low, replace(now, z_um=5000.0), SLOW, ENDS) == [Leg({"z": 5000.0})]
+
+
+def test_who_knows_the_surface_says_from_where_on() -> None:
+    """It should take the caller's height instead of the configuration's."""
+    now, target = Position(5000.0, 5000.0, 12000.0, 0.0), Position(5000.0, 5000.0, 5200.0, 0.0)
+    assert plan(now, target, SLOW, ENDS, frozenset(), 5100.0) == [Leg({"z": 5200.0})]
+    assert plan(now, target, SLOW, ENDS, frozenset(), 5300.0) == [Leg({"z": 5300.0}), Leg({"z": 5200.0}, 2000.0)]
+
+
+@given(places(), targets())
+def test_no_way_down_is_fast_where_a_surface_may_be(now: Position, target: Position) -> None:
+    """It should never lower Z below that height at full speed, wherever it comes from."""
+    z_um = now.z_um
+    for leg in plan(now, target, SLOW, ENDS):
+        to_um = leg.to.get("z", z_um)
+        if to_um < min(z_um, SLOW.slow_z_um):
+            assert leg.speed_units_s == SLOW.slow_um_s
+            assert z_um <= SLOW.slow_z_um
+        z_um = to_um

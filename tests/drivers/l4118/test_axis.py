@@ -378,3 +378,35 @@ async def test_an_empty_error_stack_is_no_error(homed: Homed, soon: Deadline) ->
     health = await axis.health(soon)
     assert (health.error_code, health.error_meaning, health.following_error_units) == (0, "", None)
     assert health.homed
+
+
+# ---------------------------------------------------------------- speed of one move
+async def test_a_move_may_be_slower_than_the_axis(homed: Homed, soon: Deadline) -> None:
+    """It should write the profile speed with the target, never above what was asked for, and forget it afterwards."""
+    axis, drive = homed
+    speed = [drive.od[0x6081, 0][1]]
+    for target, at_most in ((500.0, 2000.0), (400.0, 2016.0), (300.0, 90000.0), (200.0, None)):
+        await axis.begin_move(target, soon, at_most)
+        while not await axis.arrived(soon):
+            pass
+        speed.append(drive.od[0x6081, 0][1])
+    # rpm of a 2 mm screw: 2 mm/s are 60, 2.016 mm/s 60.48, the axis' own 20 mm/s are 600
+    assert speed == [600, 60, 60, 600, 600]
+
+
+async def test_a_move_at_another_speed_takes_one_frame_more(make_axis: MakeAxis, soon: Deadline) -> None:
+    """It should write the speed only where it changes: that is one object, some 6 ms at 115200 baud."""
+    drive, written = DriveModel(3, step=100_000_000), []
+    put = drive.put
+    drive.put = lambda index, sub, value: [written.append(index), put(index, sub, value)][1]  # type: ignore[method-assign]
+    axis = await make_axis(drive)
+    await axis.home(soon)
+    taken = []
+    for target, at_most in ((500.0, None), (600.0, None), (700.0, 2000.0), (800.0, 2000.0)):
+        written.clear()
+        await axis.begin_move(target, soon, at_most)
+        taken.append(list(written))
+        while not await axis.arrived(soon):
+            pass
+    usual = [0x607A, 0x6040, 0x6040]
+    assert taken[1:] == [usual, [0x607A, 0x6081, 0x6040, 0x6040], usual]

@@ -23,8 +23,13 @@ from vision import NotFound, Reason
 REQUEST = {"op": "calibrate", "what": "backlash", "theta_deg": 0.0}
 
 
+FREE_AT_WORK = {"surface_range_um": 100.0}
+"""Working height is free of any surface that is possible: heights are no matter here."""
+
+
 def _world(folder: Path, **changes: dict[str, Any]) -> World:
-    return World(folder, a_board(("A", 10_000.0, 5_000.0)), changes).teach().with_map()
+    free = changes | {"gantry": FREE_AT_WORK | changes.get("gantry", {})}
+    return World(folder, a_board(("A", 10_000.0, 5_000.0)), free).teach().with_map()
 
 
 @pytest.fixture

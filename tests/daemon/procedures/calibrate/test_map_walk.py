@@ -50,8 +50,13 @@ REQUEST = {"op": "calibrate", "what": "map", "test_point": "A"}
 WALK = sum(count for _, count in RINGS)
 
 
+FREE_AT_WORK = {"surface_range_um": 100.0}
+"""Working height is free of any surface that is possible: heights are no matter here."""
+
+
 def _world(folder: Path, **changes: dict[str, Any]) -> World:
-    return World(folder, a_board(("A", 10_000.0, 5_000.0)), changes).teach()
+    free = changes | {"gantry": FREE_AT_WORK | changes.get("gantry", {})}
+    return World(folder, a_board(("A", 10_000.0, 5_000.0)), free).teach()
 
 
 @pytest.fixture
@@ -205,7 +210,7 @@ async def test_the_lift_is_beside_the_needle_across_its_direction(world: World) 
 
 async def test_a_large_target_is_not_left_for_the_lift(tmp_path: Path) -> None:
     """Its half width and the needle's would be more than half the reach: half the reach it is."""
-    world = World(tmp_path, a_board(("A", 10_000.0, 5_000.0), diameter_um=1_600.0), {}).teach()
+    world = World(tmp_path, a_board(("A", 10_000.0, 5_000.0), diameter_um=1_600.0), {"gantry": FREE_AT_WORK}).teach()
     await _map(world)
     chosen = _offsets(world)[3 + WALK][:2]
     record = world.calibrations.records["map"]

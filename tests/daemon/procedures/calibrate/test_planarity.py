@@ -76,7 +76,9 @@ async def test_every_place_is_touched_in_the_middle_of_its_pad(world: World) -> 
     ran = await _measure(world)
     touched = {(round(t.x_um), round(t.y_um)) for t in _record(world).touches}
     assert touched == {(round(60_000 + x), round(40_000 + y)) for _, x, y in GRID}
-    assert (ran.job.moves, ran.job.looks) == (48, 72)
+    # The first place is searched from 600 um above, the others from just above the last.
+    assert ran.job.moves < 7 * 12
+    assert ran.job.looks == 2 * (ran.job.moves - 12), "two at each depth"
     assert ran.progress == [(n, 12, f"touching {name}") for n, (name, _, _) in enumerate(GRID)]
     assert ran.events[:3] == [Event.ACCEPTED, Event.SEEN, Event.ARRIVED]
 
@@ -170,7 +172,7 @@ async def test_any_pressing_that_is_allowed_is_enough_to_begin(tmp_path: Path, p
     if press_um > 1.0:
         assert (await _measure(world)).got.detail["height_um"] == pytest.approx(0.0, abs=0.1)
     else:
-        assert "met no surface" in (await _fault(world)).message
+        assert "no push can be measured" in (await _fault(world)).message
 
 
 async def test_it_needs_probe_map_and_homing(tmp_path: Path) -> None:
@@ -192,7 +194,7 @@ async def test_the_deepest_press_must_be_within_reach_before_anything_is_touched
     world = _world(tmp_path / "tight", axes={"z": z})
     if good:
         await _measure(world)
-        assert min(to.z_um for to, _ in world.gantry.moves) == 4_800.0
+        assert 4_800.0 <= min(to.z_um for to, _ in world.gantry.moves) < 4_900.0
         return
     with pytest.raises(EnvelopeViolation):
         await _measure(world)

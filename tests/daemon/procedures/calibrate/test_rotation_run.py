@@ -18,7 +18,7 @@ from daemon.procedures.calibrate.targets import choose_target
 from daemon.procedures.move_sequence import MoveSequence
 from daemon.station.station import CrossSearch, LookResult
 from daemon.storage.calibration_resume import Partial
-from tests.daemon.procedures.fake_station import BELOW_PX, Ran, World, a_board, begin
+from tests.daemon.procedures.fake_station import BELOW_PX, WORK_Z_UM, Ran, World, a_board, begin
 from vision import NotFound, Reason
 from vision.head.model import CircleHead
 
@@ -26,7 +26,8 @@ ANGLES = [140.0, 200.0, 260.0, 320.0, 20.0, 80.0]
 
 
 def _world(folder: Path, **changes: dict[str, Any]) -> World:
-    return World(folder, a_board(("A", 0.0, 0.0)), {"gantry": {"press_um": 0.0}} | changes).teach().with_map()
+    free_at_work = {"gantry": {"press_um": 0.0, "surface_range_um": 100.0}}
+    return World(folder, a_board(("A", 0.0, 0.0)), free_at_work | changes).teach().with_map()
 
 
 @pytest.fixture
@@ -374,7 +375,7 @@ async def test_without_anything_left_a_run_begins(world: World) -> None:
     assert not await _measure(again, ran, resume=True)
 
 
-async def test_the_papers_height_shifts_where_the_print_is_looked_for_and_what_a_look_means(tmp_path: Path) -> None:
+async def test_the_head_follows_the_papers_height(tmp_path: Path) -> None:
     world = _world(tmp_path, gantry={"press_um": 200.0})
     world.height_um = lambda _x, _y: 50.0
     run, ran = _run(world, [0.0, 180.0])
@@ -382,7 +383,9 @@ async def test_the_papers_height_shifts_where_the_print_is_looked_for_and_what_a
     assert run.measured.card_height_um == pytest.approx(50.0, abs=0.1)
     search = world.station.searches[-1]
     assert isinstance(search, CrossSearch)
-    assert search.offset_px == pytest.approx([v * 0.75 for v in BELOW_PX], abs=0.01)
+    # The head follows: it stands as far above the print as the map was made above its mark.
+    assert world.gantry.moves[-1][0].z_um == pytest.approx(WORK_Z_UM + 50.0, abs=0.1)
+    assert search.offset_px == pytest.approx(BELOW_PX, abs=0.01)
     for stop in run.measured.stops:
         tip = np.array((stop.x_um, stop.y_um)) + world.true_head.tip_offset_um(stop.theta_deg)
         assert tip == pytest.approx(world.cross_um, abs=0.5)

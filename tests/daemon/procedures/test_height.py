@@ -1,0 +1,239 @@
+"""Height is respected: no needle touches a board by hovering over it, and an answer says what is not known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from daemon.domain.errors import Fault, FaultCode
+from daemon.domain.states import Event
+from daemon.procedures.height import PUSHED_UM, SUSPECT_UM
+from daemon.procedures.registry import PROCEDURES
+from daemon.storage.calibration_records import SurfaceRecord, Touch
+from tests.daemon.procedures.fake_station import BELOW_PX, HOVER_UM, WORK_Z_UM, Ran, World, a_board, begin, run
+from vision import NotFound, Reason
+from vision.geometry import fit_plane
+
+GRID = [(f"P{i}{k}", 5_000.0 + 7_000.0 * i, 4_000.0 + 6_500.0 * k) for i in range(4) for k in range(3)]
+PLACE = {"op": "place", "test_point": "P11"}
+CORRECT = {"op": "correct", "test_point": "P11"}
+LOOK = {"op": "look", "test_point": "P11"}
+SURFACE = {"op": "calibrate", "what": "surface", "places": 6}
+
+
+@pytest.fixture
+def world(tmp_path: Path) -> World:
+    return World(tmp_path, a_board(*GRID), {}).teach().with_map()
+
+
+def _raised(height_um: float) -> Callable[[float, float], float]:
+    return lambda _x, _y: height_um
+
+
+def _measured(world: World, height_um: float) -> None:
+    """Let a level surface be in force for this board."""
+    corners = [(x, y) for x in (62_000.0, 98_000.0) for y in (42_000.0, 68_000.0)]
+    plane = fit_plane(np.array(corners), np.full(4, height_um))
+    whole = world.made() | {
+        "residuals_um": (0.0,) * 4, "surface": plane.to_dict(), "flatness_um": 0.0,
+        "rms_um": 0.0, "limit_um": 50.0, "planar": True,
+        "touches": tuple(Touch(x_um=x, y_um=y, height_um=height_um) for x, y in corners),
+    }  # fmt: skip
+    world.calibrations.store(SurfaceRecord(**whole))
+
+
+def _pushed_um(world: World) -> float:
+    """Return how far the pin really is pushed in."""
+    x_um, y_um = world.tip_um()
+    return float(max(0.0, 5_000.0 + world.height_um(float(x_um), float(y_um)) - world.gantry.actual.z_um))
+
+
+async def _run(world: World, request: dict[str, Any], ran: Ran | None = None) -> Ran:
+    return await run(world, PROCEDURES[request["op"]], request, ran)
+
+
+async def _fault(world: World, request: dict[str, Any], ran: Ran | None = None) -> Fault:
+    with pytest.raises(Fault) as caught:
+        await _run(world, request, ran)
+    return caught.value
+
+
+# --- a board whose height nobody measured -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("height_um", [-300.0, 0.0, 300.0, 490.0])
+async def test_place_touches_no_board_within_the_range(world: World, height_um: float) -> None:
+    world.height_um = _raised(height_um)
+    ran = await _run(world, PLACE)
+    assert _pushed_um(world) == 0.0
+    detail = ran.got.detail
+    assert (detail["height"], detail["height_within_um"], detail["confirmed_by"]) == ("unknown", 500.0, "drives")
+    assert detail["parallax_um"] > 0.0
+
+
+async def test_what_an_unknown_height_may_cost_is_the_parallax_of_the_range(world: World) -> None:
+    told = (await _run(world, PLACE)).got.detail["parallax_um"]
+    aside = world.true_map.from_tip_um(
+        np.add(world.calibrations.require_probe().tip_px, world.true_map.below_px(500.0)),
+        world.calibrations.require_probe().tip_px, 0.0,
+    )  # fmt: skip
+    assert told == pytest.approx(float(np.hypot(*aside)), rel=0.02)
+
+
+async def test_without_a_map_an_answer_cannot_say_what_it_costs(tmp_path: Path) -> None:
+    detail = (await _run(World(tmp_path, a_board(*GRID), {}), PLACE)).got.detail
+    assert detail["height"] == "unknown"
+    assert "parallax_um" not in detail
+
+
+async def test_a_correction_stays_at_the_free_height_and_says_so(world: World) -> None:
+    world.height_um = _raised(300.0)
+    await _run(world, PLACE)
+    world.put_tip(world.pad_um("P11") - (150.0, 80.0), z_um=5_600.0)
+    ran = await _run(world, CORRECT)
+    assert _pushed_um(world) == 0.0
+    assert min(to.z_um for to, _ in world.gantry.moves) == 5_600.0
+    assert ran.got.detail["height"] == "unknown"
+
+
+async def test_a_look_says_what_is_known_of_the_height(world: World) -> None:
+    world.put_beside("P11", (30.0, 0.0))
+    assert (await _run(world, LOOK)).got.detail["height"] == "unknown"
+    _measured(world, 0.0)
+    assert (await _run(world, LOOK)).got.detail["height"] == "measured"
+
+
+# --- a measured surface -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("height_um", [-480.0, -80.0, 300.0])
+async def test_place_and_correct_follow_the_measured_surface(world: World, height_um: float) -> None:
+    world.height_um = _raised(height_um)
+    _measured(world, height_um)
+    placed = await _run(world, PLACE)
+    assert world.gantry.actual.z_um == pytest.approx(WORK_Z_UM + height_um)
+    assert (placed.got.detail["height"], placed.got.detail["height_um"]) == ("measured", height_um)
+    here = world.gantry.actual
+    world.put_tip(world.pad_um("P11") - (150.0, 80.0), z_um=here.z_um)
+    corrected = await _run(world, CORRECT)
+    assert world.miss_um("P11") == pytest.approx((0.0, 0.0), abs=1.0)
+    assert world.gantry.moves[-1][0].z_um == pytest.approx(WORK_Z_UM + height_um)
+    assert corrected.got.detail["height"] == "measured"
+    assert world.gantry.slow_z_um[-1] == pytest.approx(5_100.0 + height_um), "no slow stretch above what is known"
+
+
+async def test_what_is_measured_is_followed_at_once(world: World) -> None:
+    world.height_um = _raised(300.0)
+    await _run(world, SURFACE)
+    await _run(world, PLACE)
+    assert world.gantry.actual.z_um == pytest.approx(WORK_Z_UM + 300.0, abs=1.0)
+    assert _pushed_um(world) == 0.0
+
+
+# --- another board than was measured ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("request_", [PLACE, CORRECT])
+async def test_a_pin_that_is_pushed_in_where_it_should_hover_is_a_fault_and_is_lifted(
+    world: World, request_: dict[str, Any]
+) -> None:
+    _measured(world, 0.0)
+    world.height_um = _raised(300.0)
+    world.put_beside("P11", (40.0, 0.0))
+    ran = begin(request_)
+    fault = await _fault(world, request_, ran)
+    assert fault.kind is FaultCode.WRONG_HEIGHT
+    assert fault.detail["pushed_um"] == pytest.approx(100.0, abs=1.0)
+    assert "`calibrate` its surface" in fault.advice
+    assert _pushed_um(world) == 0.0
+    assert not FaultCode.WRONG_HEIGHT.latched
+
+
+async def test_a_look_that_moves_nothing_names_a_pushed_pin_too(world: World) -> None:
+    world.height_um = _raised(200.0 + PUSHED_UM + 5.0)
+    world.put_beside("P11", (40.0, 0.0))
+    for request in (LOOK, {"op": "look"}):
+        assert (await _fault(world, request)).kind is FaultCode.WRONG_HEIGHT
+    assert world.gantry.moves == []
+
+
+@pytest.mark.parametrize(("up_um", "lifted"), [(SUSPECT_UM - 1.0, False), (SUSPECT_UM + 1.0, True)])
+async def test_a_flex_that_looks_like_a_push_is_looked_at_from_above_and_costs_nothing_else(
+    world: World, up_um: float, lifted: bool
+) -> None:
+    """The tip stands higher at this stop, pressed or not: it is the mount."""
+    _measured(world, 0.0)
+    flex = tuple(-up_um / HOVER_UM * np.array(BELOW_PX))
+    world.flex_px = lambda: flex
+    world.put_beside("P11", (4.0, 0.0))
+    ran = await _run(world, CORRECT)
+    assert ran.got.error_after_um == pytest.approx(4.0, abs=0.1)
+    assert [to.z_um for to, _ in world.gantry.moves] == ([5_700.0, WORK_Z_UM] if lifted else [])
+    assert ran.events[0] is Event.ACCEPTED
+
+
+async def test_a_tip_that_stands_too_high_lifted_or_not_was_taught_elsewhere_or_z_is_stuck(world: World) -> None:
+    _measured(world, 0.0)
+    flex = tuple(-(PUSHED_UM + 5.0) / HOVER_UM * np.array(BELOW_PX))
+    world.flex_px = lambda: flex
+    world.put_beside("P11", (4.0, 0.0))
+    fault = await _fault(world, CORRECT)
+    assert fault.kind is FaultCode.WRONG_HEIGHT
+    assert "lifted or not" in fault.message
+
+
+async def test_a_tip_that_is_lost_when_a_suspect_is_lifted_is_said(world: World) -> None:
+    _measured(world, 0.0)
+    world.height_um = _raised(300.0)
+    world.put_beside("P11", (40.0, 0.0))
+    world.station.script[2] = lambda seen: replace(seen, tip=NotFound(Reason.TOO_DARK, "dark"))
+    assert (await _fault(world, CORRECT)).kind is FaultCode.TIP_NOT_FOUND
+    assert _pushed_um(world) == 0.0
+
+
+async def test_place_looks_at_the_pin_only_where_it_came_below_the_free_height(world: World) -> None:
+    assert (await _run(world, PLACE)).job.looks == 0
+    _measured(world, 0.0)
+    assert (await _run(world, PLACE)).job.looks == 1
+
+
+# --- calibrations -------------------------------------------------------------------------------------------------
+
+
+async def test_a_map_is_not_walked_over_a_board_that_is_touched_at_working_height(world: World) -> None:
+    world.height_um = _raised(300.0)
+    fault = await _fault(world, {"op": "calibrate", "what": "map", "test_point": "P11"})
+    assert fault.kind is FaultCode.WRONG_HEIGHT
+    assert "gantry.touch_z_um" in fault.advice
+    assert [to.z_um for to, _ in world.gantry.moves] == [5_600.0, WORK_Z_UM, 5_600.0]
+    assert world.gantry.slow_z_um[1] == 5_500.0
+
+
+@pytest.mark.parametrize("height_um", [-400.0, 150.0])
+async def test_a_map_is_walked_where_the_needle_hovers(world: World, height_um: float) -> None:
+    world.height_um = _raised(height_um)
+    await _run(world, {"op": "calibrate", "what": "map", "test_point": "P11"})
+    assert _pushed_um(world) == 0.0
+
+
+async def test_a_map_over_a_measured_surface_is_walked_at_the_same_distance_from_it(world: World) -> None:
+    world.height_um = _raised(300.0)
+    _measured(world, 300.0)
+    await _run(world, {"op": "calibrate", "what": "map", "test_point": "P11"})
+    assert world.gantry.moves[0][0].z_um == WORK_Z_UM + 300.0
+    assert world.context.require_map().below_tip_px == pytest.approx(BELOW_PX, abs=0.02)
+
+
+@pytest.mark.parametrize("height_um", [-300.0, 300.0])
+async def test_an_alignment_touches_no_board_whatever_was_measured_before(world: World, height_um: float) -> None:
+    _measured(world, 0.0)
+    world.height_um = _raised(height_um)
+    names = ["P00", "P02", "P30", "P32"]
+    await _run(world, {"op": "align", "fiducials": names})
+    assert {to.z_um for to, _ in world.gantry.moves} == {5_600.0}
+    assert world.geometry.measured_um((80_000.0, 55_000.0)) is None, "another board may have been laid in"
