@@ -11,7 +11,7 @@ from drivers.errors import EnvelopeViolation, MotionError
 THETA_LAST_DEG = 100.0
 THETA_FIRST_DEG = 140.0
 # A drive at an end of the range may read back this far outside: it counts whole increments
-READ_BACK_DEG = 0.001
+READ_BACK_DEG, READ_BACK_UM = 0.001, 0.01
 _GANTRY = "gantry"
 
 

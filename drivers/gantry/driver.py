@@ -19,7 +19,15 @@ from drivers.errors import (
     NotHomed,
     Stalled,
 )
-from drivers.gantry.contract import AxisCondition, GantryAxis, GantryConfig, Position, SelfTest, axis_theta_deg
+from drivers.gantry.contract import (
+    READ_BACK_UM,
+    AxisCondition,
+    GantryAxis,
+    GantryConfig,
+    Position,
+    SelfTest,
+    axis_theta_deg,
+)
 from drivers.gantry.path import Ends, Leg, plan
 from drivers.shielded import finish
 
@@ -98,16 +106,16 @@ class Gantry:
 
     def check(self, target: Position) -> Position:
         """Give the target with theta as axis coordinate; raise EnvelopeViolation when it is out of reach."""
-        if target.z_um < self.config.floor_z_um:
-            text = f"Z {target.z_um:.1f} um is below the floor at {self.config.floor_z_um:.1f} um"
+        wanted = _by_axis(replace(target, theta_deg=axis_theta_deg(target.theta_deg)))
+        if wanted["z"] < self.config.floor_z_um - READ_BACK_UM:
+            text = f"Z {wanted['z']:.1f} um is below the floor at {self.config.floor_z_um:.1f} um"
             advice = "No surface lies so low: check the heights in the configuration."
             raise EnvelopeViolation(text, device=_NAME, advice=advice)
-        wanted = _by_axis(replace(target, theta_deg=axis_theta_deg(target.theta_deg)))
         for name, at in wanted.items():
             self._axes[name].check(at)
         # What was read back at an end of the range may lie a rounded increment outside
         x, y, z, theta = (min(max(wanted[name], low), high) for name, (low, high) in self._ranges.items())
-        return Position(x, y, z, theta)
+        return Position(x, y, max(z, self.config.floor_z_um), theta)
 
     # ------------------------------------------------------------------ moves
     async def move_to(

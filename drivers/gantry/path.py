@@ -42,8 +42,8 @@ def plan(
     """List the legs: retract, go across with a one-sided approach, lower. Theta is the axis coordinate in both.
 
     A leg names only the axes that move. A pure Z move has no retract. Axes in `from_above` (x, y, theta) come from
-    the other side. Below `slow_z_um` (None: the configuration's) Z goes down slowly; up it always goes fast.
-    Raises EnvelopeViolation for a target so near to an end that there is no room for the approach.
+    the other side. Below `slow_z_um` (None: the configuration's) Z goes down slowly; up it always goes fast. Raises
+    EnvelopeViolation for a target so near to an end that there is no room for the approach.
     """
     legs: list[Leg] = []
     across = _across(now, target, config, ends, from_above)

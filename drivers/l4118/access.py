@@ -96,9 +96,14 @@ class DriveAccess:
         if control is od.Control.NEW_SET_POINT:
             await self.write(od.TARGET_POSITION, self.target_increments, deadline)
             if self._velocity_kept != self.velocity_counts:
-                await self.write(od.PROFILE_VELOCITY, self.velocity_counts, deadline)
-                self._velocity_kept = self.velocity_counts
+                await self.set_velocity(self.velocity_counts, deadline)
         await self.write(od.CONTROLWORD, control, deadline)
+
+    async def set_velocity(self, counts: int, deadline: Deadline) -> None:
+        """Write the profile velocity of the moves to come (6081h); it is written again only where it changes."""
+        self.velocity_counts, self._velocity_kept = counts, None
+        await self.write(od.PROFILE_VELOCITY, counts, deadline)
+        self._velocity_kept = counts
 
     def forget(self) -> None:
         """Forget what was found out before: the drive may have restarted since."""

@@ -87,7 +87,7 @@ class Axis:
         ramp = self._counts(config.acceleration_units_s2)
         for entry in (od.PROFILE_ACCELERATION, od.PROFILE_DECELERATION, od.QUICK_STOP_DECELERATION):
             await drive.write_checked(entry, ramp, deadline)
-        drive.velocity_counts = self._counts(config.speed_units_s)
+        await drive.set_velocity(self._counts(config.speed_units_s), deadline)
         if findings.homed:
             await self._write_limits(deadline)
         return findings
@@ -186,7 +186,7 @@ class Axis:
     async def begin_move(self, target_units: float, deadline: Deadline, speed_units_s: float | None = None) -> None:
         """Start an absolute move: returns when the drive has acknowledged the set-point.
 
-        `speed_units_s`: at most so fast (6081h), None: as fast as the axis may. It goes with the target, in one frame.
+        `speed_units_s`: at most so fast (6081h), None: as fast as the axis may. It is written where it changes.
         """
         self.check(target_units)
         target_units = min(max(target_units, self.config.min_units), self.config.max_units)

@@ -382,37 +382,6 @@ async def test_a_failed_homing_of_one_axis_stops_the_other(machine: Machine, soo
     assert not await machine.gantry.homed(soon)
 
 
-# ---------------------------------------------------------------- down to a surface
-SLOW = GantryConfig(slow_z_um=5500.0, slow_um_s=2000.0, floor_z_um=4200.0)
-
-
-async def test_z_meets_a_surface_slowly(make_line: MakeLine, open_bus: OpenBus, soon: Deadline) -> None:
-    """It should lower Z slowly where a surface may be, and lift it at full speed."""
-    machine = await _machine(make_line, open_bus, AXES, SLOW)
-    await machine.gantry.home(soon)
-    z = machine.drives["z"]
-    await machine.gantry.move_to(dataclasses.replace(PLACE, z_um=5000.0), soon)
-    # 2 mm/s of a 2 mm screw; the axis' own speed is 10 mm/s
-    assert (z.od[0x6081, 0][1], z.log[-2:]) == (60, [f"move {-24500 * 1638.4:.0f}", f"move {-25000 * 1638.4:.0f}"])
-    await machine.gantry.move_to(dataclasses.replace(PLACE, z_um=5600.0), soon)
-    assert z.od[0x6081, 0][1] == 300
-    await machine.gantry.move_to(dataclasses.replace(PLACE, z_um=5200.0), soon, slow_z_um=5100.0)
-    assert z.od[0x6081, 0][1] == 300, "whoever knows the surface says so"
-
-
-async def test_nothing_is_sent_below_the_floor(make_line: MakeLine, open_bus: OpenBus, soon: Deadline) -> None:
-    """It should refuse the target before anything moves, though the axis could go there."""
-    machine = await _machine(make_line, open_bus, AXES, SLOW)
-    await machine.gantry.home(soon)
-    for drive in machine.drives.values():
-        drive.log.clear()
-    for z_um in (4199.9, 0.0):
-        with pytest.raises(EnvelopeViolation, match="below the floor at 4200"):
-            await machine.gantry.move_to(dataclasses.replace(PLACE, z_um=z_um), soon)
-    assert all(drive.log == [] for drive in machine.drives.values())
-    await machine.gantry.move_to(dataclasses.replace(PLACE, z_um=4200.0), soon)
-
-
 async def test_what_a_silent_line_left_running_is_stopped_when_the_line_is_back(homed: Machine, soon: Deadline) -> None:
     """It should know the axes whose stop was not confirmed, stop them on the next try, and then know of none."""
     homed.slow(100)
@@ -503,3 +472,34 @@ async def test_an_axis_that_stands_at_its_end_stays_there_while_the_others_move(
     """It should allow what asks for no move of that axis, such as raising the needle after homing."""
     await homed.gantry.move_to(Position(0.0, 0.0, 12000.0, 0.0), soon)
     assert homed.at("x") == 0.0
+
+
+# ---------------------------------------------------------------- down to a surface
+SLOW = GantryConfig(slow_z_um=5500.0, slow_um_s=2000.0, floor_z_um=4200.0)
+
+
+async def test_z_meets_a_surface_slowly(make_line: MakeLine, open_bus: OpenBus, soon: Deadline) -> None:
+    """It should lower Z slowly where a surface may be, and lift it at full speed."""
+    machine = await _machine(make_line, open_bus, AXES, SLOW)
+    await machine.gantry.home(soon)
+    z = machine.drives["z"]
+    await machine.gantry.move_to(dataclasses.replace(PLACE, z_um=5000.0), soon)
+    # 2 mm/s of a 2 mm screw; the axis' own speed is 10 mm/s
+    assert (z.od[0x6081, 0][1], z.log[-2:]) == (60, [f"move {-24500 * 1638.4:.0f}", f"move {-25000 * 1638.4:.0f}"])
+    await machine.gantry.move_to(dataclasses.replace(PLACE, z_um=5600.0), soon)
+    assert z.od[0x6081, 0][1] == 300
+    await machine.gantry.move_to(dataclasses.replace(PLACE, z_um=5200.0), soon, slow_z_um=5100.0)
+    assert z.od[0x6081, 0][1] == 300, "whoever knows the surface says so"
+
+
+async def test_nothing_is_sent_below_the_floor(make_line: MakeLine, open_bus: OpenBus, soon: Deadline) -> None:
+    """It should refuse the target before anything moves, though the axis could go there."""
+    machine = await _machine(make_line, open_bus, AXES, SLOW)
+    await machine.gantry.home(soon)
+    for drive in machine.drives.values():
+        drive.log.clear()
+    for z_um in (4199.9, 0.0):
+        with pytest.raises(EnvelopeViolation, match="below the floor at 4200"):
+            await machine.gantry.move_to(dataclasses.replace(PLACE, z_um=z_um), soon)
+    assert all(drive.log == [] for drive in machine.drives.values())
+    await machine.gantry.move_to(dataclasses.replace(PLACE, z_um=4200.0), soon)

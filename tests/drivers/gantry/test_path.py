@@ -81,8 +81,7 @@ def test_a_target_without_room_for_its_approach_is_refused(
     now = Position(5000.0, 5000.0, 20000.0, 0.0)
     with pytest.raises(EnvelopeViolation, match=says):
         plan(now, replace(now, **change), CONFIG, ENDS, from_above)
-    legs = plan(now, replace(now, x_um=50.0), CONFIG, ENDS)
-    assert [leg.to for leg in legs][:2] == [{"x": 0.0}, {"x": 50.0}]
+    assert [leg.to for leg in plan(now, replace(now, x_um=50.0), CONFIG, ENDS)[:2]] == [{"x": 0.0}, {"x": 50.0}]
 
 
 def test_a_pure_z_move_needs_no_retract() -> None:
