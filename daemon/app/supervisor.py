@@ -34,7 +34,7 @@ from daemon.station.station import Station
 from daemon.storage.calibration_store import Calibrations
 from daemon.storage.journal import Journal
 from drivers.deadline import Deadline
-from drivers.errors import CameraError, DeviceError
+from drivers.errors import CameraError, DeadlinePassed, DeviceError, LinkTimeout
 
 OPEN_WITHIN_S = 20.0
 FRAME_WITHIN_S = 8.0
@@ -45,8 +45,8 @@ LOOK_EVERY_S = 20.0
 """At rest a picture is looked at this often, and once after every job that took some: both lamps are off."""
 ASK_AGAIN_S = 0.1
 """How often a reset that waits looks whether a job has begun before it."""
-CHECK_EVERY_S = 2.0
-CHECK_WITHIN_S = 2.0
+STOP_AGAIN_S = 0.1
+"""Pause between two tries to stop what may still run."""
 DOUBT = "reference_doubt"
 """Name under which the journal keeps the axes in doubt: a kill must not make anybody believe their drives."""
 OpenDevices = Callable[[Config, Deadline], Awaitable[Hardware]]
@@ -96,7 +96,7 @@ class StationSupervisor:
         config, board = self._settings.config, self._settings.board
         geometry = Geometry(config, board, self._calibrations)
         station = Station(config, hardware, self.needle)
-        station.needle.adopt(geometry.up_z_um, geometry.surface_z_um)
+        self.needle.adopt(geometry.up_z_um, geometry.surface_z_um)
         self._context = StationContext(config, station, board, self._calibrations, geometry)
 
     def _fit_calibrations(self) -> None:
@@ -235,7 +235,27 @@ class StationSupervisor:
     # --- while nothing runs ----------------------------------------------------------------------------------
 
     async def run(self) -> None:
-        """Look after the drives until cancelled: an e-stop or a pulled cable is noticed before the next job."""
+        """Look after the drives until cancelled.
+
+        An e-stop or a pulled cable is noticed before the next job, and what a lost stop left running is stopped as soon
+        as its drive answers, in every state of the station.
+        """
+        async with asyncio.TaskGroup() as group:
+            group.create_task(self._stop_what_may_run())
+            group.create_task(self._look_after())
+
+    async def _stop_what_may_run(self) -> None:
+        """Repeat every stop that was not confirmed; a move that begins does that by itself."""
+        while True:
+            await asyncio.sleep(STOP_AGAIN_S)
+            gantry = self._hardware.gantry if self._hardware is not None else None
+            if gantry is None or gantry.moving or not gantry.unstopped:
+                continue
+            before = gantry.unstopped
+            await gantry.stop_again()
+            log.warning("stopped_late", axes=[axis for axis in before if axis not in gantry.unstopped])
+
+    async def _look_after(self) -> None:
         while True:
             await self._rest()
             if self._hardware is None or self._lock.holder is not None:
@@ -243,28 +263,47 @@ class StationSupervisor:
             async with self._lock.hold("health check"):
                 if self._latch.state is State.IDLE:
                     await self._check_health()
-                else:
-                    await self._stop_what_runs(self._hardware)
+                elif self._latch.doubtful:
+                    await self._forget_homing(self._hardware)
             await self._check_darkness()
 
     async def _rest(self) -> None:
         """Wait for the next check, or for an axis that came into doubt: that is written down at once."""
         with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(CHECK_EVERY_S):
+            async with asyncio.timeout(self._settings.config.maintenance.idle_check_s):
                 await self._latch.doubt_changed.wait()
                 self._latch.doubt_changed.clear()
                 await asyncio.shield(self._keep_doubts())
 
     async def _check_health(self) -> None:
         """Ask the drives how they are; what they report becomes the station's fault. The lock is held."""
-        if self._hardware is None:
+        hardware = self._hardware
+        if hardware is None:
             return
+        missing = hardware.missing_answers
         try:
-            await self._hardware.check_health(Deadline.after(CHECK_WITHIN_S))
+            await hardware.check_health(self._check_deadline(hardware))
+        except DeadlinePassed as exc:
+            missing = hardware.missing_answers - missing
+            if not missing:
+                # Every answer came: what is slow is this computer, and the drives are asked again soon
+                log.warning("idle_check_late", cause=str(exc))
+                return
+            self._lose(
+                LinkTimeout(f"{missing} answers were missing, and no time was left to ask again", device=exc.device)
+            )
         except Exception as exc:  # noqa: BLE001  # whatever the drives report becomes the station's fault
-            fault = _latched(as_fault(exc))
-            log.error("station_lost", error=fault.message)
-            self._latch.latch(fault)
+            self._lose(exc)
+
+    def _check_deadline(self, hardware: Hardware) -> Deadline:
+        """Return by when a check has to be over, on lines of this speed."""
+        return Deadline.after(self._settings.config.maintenance.idle_check_within_s + hardware.check_line_s)
+
+    def _lose(self, error: Exception) -> None:
+        """Latch what a check found."""
+        fault = _latched(as_fault(error))
+        log.error("station_lost", error=fault.message)
+        self._latch.latch(fault)
 
     async def _check_darkness(self) -> None:
         """Look whether a lamp shines at rest, if it is time to; that becomes the station's fault.
@@ -306,19 +345,10 @@ class StationSupervisor:
             await self._check_health()
         await self._check_darkness()
 
-    async def _stop_what_runs(self, hardware: Hardware) -> None:
-        """Stop a drive that could not be told to when its job failed, and write the doubts, as soon as they answer."""
-        try:
-            await hardware.gantry.halt_unstopped()
-        except DeviceError as exc:
-            log.error("axis_may_still_run", error=str(exc))
-        if self._latch.doubtful:
-            await self._forget_homing(hardware)
-
     async def _forget_homing(self, hardware: Hardware) -> None:
         """Write the doubt into the drives as soon as they answer."""
         try:
-            await self._settle_doubts(hardware, Deadline.after(CHECK_WITHIN_S))
+            await self._settle_doubts(hardware, self._check_deadline(hardware))
         except DeviceError as exc:
             log.debug("homing_not_forgotten_yet", error=str(exc))
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import typer
 from rich.markup import escape
 
@@ -13,7 +15,11 @@ COLOUR = {"ok": "green", "warn": "yellow", "fail": "red"}
 
 
 @app.command()
-def doctor(config: ConfigFile, as_json: AsJson = False) -> None:
+def doctor(
+    config: ConfigFile,
+    as_json: AsJson = False,
+    scan: Annotated[bool, typer.Option("--scan", help="Only look who answers, at any address, speed, parity.")] = False,
+) -> None:
     """Examine a station: ports, drives, lights, camera, permissions, disk, time. The head does not move.
 
     A running daemon is asked what it knows instead. Exit code 1 when something keeps the station from working.
@@ -23,7 +29,7 @@ def doctor(config: ConfigFile, as_json: AsJson = False) -> None:
 
     set_up(as_json=as_json, level=50)  # what the drivers log is said here in other words
     with err.status("examining ..."):
-        findings = examine(config)
+        findings = examine(config, scan=scan)
     if as_json:
         say_json(findings.as_json())
     else:

@@ -21,6 +21,7 @@ from daemon.domain.board import Board
 from daemon.domain.errors import Fault
 from daemon.platform.instance_lock import NotAloneError
 from daemon.platform.logs import set_up
+from daemon.station.reach import out_of_reach
 from daemon.wire.curve_keys import KeyTrouble
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
@@ -93,7 +94,7 @@ def _floor(config: Config) -> str:
 
 def _board_problems(config: Config) -> list[tuple[str, str]]:
     try:
-        Board.load(config.board.file)
+        board = Board.load(config.board.file)
     except ValueError as exc:
         return [("board.file", str(exc))]
-    return []
+    return [("axes", what) for what in out_of_reach(config, board)]

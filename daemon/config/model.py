@@ -68,6 +68,7 @@ class BusSection(Section):
     framing: Literal["rtu", "tcp"] = Field(default="rtu", description="with a host: RTU frames over TCP, or Modbus TCP")
     timeout_ms: float = Field(default=200.0, ge=10, le=5000, description="longest wait for one reply")
     gap_ms: float = Field(default=3.0, ge=0, le=100, description="silence before the next request (manual: 3 ms)")
+    local_echo: bool = Field(default=False, description="the adapter hears itself: its echo is taken off each reply")
 
     @model_validator(mode="after")
     def _one_way(self) -> Self:
@@ -101,6 +102,22 @@ class AxisSection(Section):
         default="auto", description="auto: found at start, nothing moves"
     )
     object_access: ObjectAccessSection | None = Field(default=None, description="none: found at start, nothing moves")
+    vendor_id: int = Field(default=0x26C, ge=0, le=0xFFFF_FFFF, description="1018h:01; another one is refused at start")
+    motor_mode: int | None = Field(
+        default=None, ge=0, le=0xFFFF, description="3202h as it has to be; none: anything that can be a motor mode"
+    )
+    switch_inputs: int | None = Field(
+        default=None,
+        ge=0,
+        le=0xFFFF_FFFF,
+        description="3240h:01, written at start; bit 0 negative limit, 1 positive limit, 2 home; none: left as it is",
+    )
+    state_timeout_ms: float = Field(
+        default=500.0, ge=50, le=10_000, description="longest wait for one change of state, mode or set-point"
+    )
+    stall_ms: float = Field(
+        default=2000.0, ge=100, le=60_000, description="standing still this long short of the target is a stall"
+    )
 
     @model_validator(mode="after")
     def _sane(self) -> Self:
@@ -211,6 +228,10 @@ class CameraSection(Section):
         default=12.0, description="about how much one pixel shows at the tip; only a start value"
     )
     timeout_ms: Positive = Field(default=3000.0, description="longest wait for one frame")
+    frozen_ms: float = Field(
+        default=1000.0, ge=50, le=60_000, description="without a new frame for this long it is opened again"
+    )
+    open_ms: float = Field(default=10_000.0, ge=500, le=120_000, description="longest wait for it to open")
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
@@ -314,6 +335,10 @@ class MaintenanceSection(Section):
     batch: int = Field(default=5, ge=2, le=50, description="numbers averaged to one point of a chart")
     probe_life_touches: int = Field(default=100_000, ge=100, description="touches after which a probe is to be changed")
     check_s: float = Field(default=300.0, ge=1.0, le=86400.0, description="devices are looked at this often at rest")
+    idle_check_s: float = Field(default=2.0, gt=0, le=60.0, description="pause between two checks of drives at rest")
+    idle_check_within_s: float = Field(
+        default=2.0, gt=0, le=60.0, description="what one check may take beside the time of its requests on the line"
+    )
     keep_rows: int = Field(default=60_000, ge=1000, le=10_000_000, description="measurements kept; the oldest go")
     off: tuple[str, ...] = Field(default=(), description="watches not wanted, by name or group")
 
@@ -355,6 +380,9 @@ class Config(Section):
                 raise ValueError(f"axes.{name}.bus names {bus!r}, which is not under [bus]")
         if self.lights.kind == "modbus" and self.lights.bus not in self.bus:
             raise ValueError(f"lights.bus names {self.lights.bus!r}, which is not under [bus]")
+        for (bus, address), users in self._addresses().items():
+            if len(users) > 1:
+                raise ValueError(f"{' and '.join(users)} have the same address {address} on bus {bus!r}")
         for watch in self.maintenance.off:
             if not is_known(watch, self.bus):
                 raise ValueError(f"maintenance.off names {watch!r}, which is no watch; `reprobe health` lists them")
@@ -370,6 +398,16 @@ class Config(Section):
     def lowest_z_um(self) -> float:
         """The lowest that Z is ever sent: the axis' own minimum, or the floor where that is higher."""
         return max(self.axes.z.minimum, self.gantry.floor_z_um)
+
+    def _addresses(self) -> dict[tuple[str, int], list[str]]:
+        """Return who has which address on which line."""
+        users: dict[tuple[str, int], list[str]] = {}
+        for name in ("x", "y", "z", "theta"):
+            axis = getattr(self.axes, name)
+            users.setdefault((axis.bus, axis.address), []).append(f"axes.{name}")
+        if self.lights.kind == "modbus" and self.lights.bus is not None:
+            users.setdefault((self.lights.bus, self.lights.address), []).append("lights")
+        return users
 
 
 def load_config(path: Path) -> Config:

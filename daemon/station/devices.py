@@ -15,7 +15,7 @@ from drivers.camera import Camera, CameraConfig, StreamCamera, V4L2Camera
 from drivers.deadline import Deadline
 from drivers.errors import DeviceError, EmergencyStop, LimitHit, MotionError
 from drivers.gantry import AxisCondition, Gantry, GantryConfig, SelfTest
-from drivers.l4118 import Axis, AxisConfig, HomingConfig
+from drivers.l4118 import HEALTH_REQUESTS, Axis, AxisConfig, HomingConfig
 from drivers.lights import Light, Lights, ModbusRelayLights, SerialRelayLights
 
 THETA_WINDOW_DEG = 0.03
@@ -36,8 +36,11 @@ class Hardware:
         buses: Mapping[str, ModbusBus],
         stack: AsyncExitStack,
         found: Mapping[str, SelfTest],
+        check_line_s: float = 0.0,
     ) -> None:
         self.gantry = gantry
+        self.check_line_s = check_line_s
+        """How long the requests of one check of all drives are on their lines."""
         self.found = found
         """What the drives' self-test settled when they were opened."""
         self.buses = buses
@@ -46,6 +49,11 @@ class Hardware:
         self.axes: tuple[AxisCondition, ...] = ()
         """What the drives said of themselves when they were last asked."""
         self._stack = stack
+
+    @property
+    def missing_answers(self) -> int:
+        """Count what was asked on all lines and had no answer, or none that made sense."""
+        return sum(bus.missing_answers for bus in self.buses.values())
 
     async def in_trouble(self, deadline: Deadline) -> bool:
         """Tell whether a drive is in trouble: it had no power on its motor, so that its axis may stand elsewhere."""
@@ -72,7 +80,7 @@ class Hardware:
     async def close(self, deadline: Deadline) -> None:
         """Stop motion, go dark, let go of everything; what fails is logged, the rest goes on."""
         try:
-            if self.gantry.moving:
+            if self.gantry.moving or self.gantry.unstopped:
                 await self.gantry.quick_stop()
         except DeviceError as exc:
             log.error("not_stopped", error=str(exc))
@@ -98,7 +106,7 @@ async def open_hardware(config: Config, deadline: Deadline) -> Hardware:
         stack.push_async_callback(lights.close)
         gantry = _gantry(config, buses)
         found = await _beside(camera.open(deadline), gantry.start(deadline))
-        return Hardware(gantry, lights, camera, buses, stack.pop_all(), found)
+        return Hardware(gantry, lights, camera, buses, stack.pop_all(), found, check_line_s(config, buses))
 
 
 async def _beside(short: Coroutine[Any, Any, None], long: Coroutine[Any, Any, T]) -> T:
@@ -130,7 +138,13 @@ def bus_line(section: BusSection) -> Line:
     """Return the line a section describes: over TCP where it names a host, else serial."""
     if section.host is not None:
         return TcpLine(section.host, section.tcp_port, section.framing)
-    return SerialLine(str(section.port), section.baudrate, section.parity, section.stopbits)
+    return SerialLine(str(section.port), section.baudrate, section.parity, section.stopbits, section.local_echo)
+
+
+def check_line_s(config: Config, buses: Mapping[str, ModbusBus]) -> float:
+    """Return how long the requests of one check of all four drives take, one after the other."""
+    axes = (config.axes.x, config.axes.y, config.axes.z, config.axes.theta)
+    return sum(HEALTH_REQUESTS * buses[axis.bus].request_s for axis in axes)
 
 
 def make_axes(config: Config, buses: Mapping[str, ModbusBus]) -> dict[str, Axis]:
@@ -176,6 +190,11 @@ def axis_config(name: str, section: AxisSection) -> AxisConfig:
         window_units=THETA_WINDOW_DEG if name == "theta" else 1.0,
         addressing=OdAddressing(**access.model_dump()) if access is not None else None,
         word_order=section.word_order,
+        vendor_id=section.vendor_id,
+        motor_mode=section.motor_mode,
+        switch_inputs=section.switch_inputs,
+        state_timeout_s=section.state_timeout_ms / 1e3,
+        stall_s=section.stall_ms / 1e3,
     )
 
 
@@ -194,7 +213,13 @@ async def open_lights(section: LightsSection, buses: Mapping[str, ModbusBus], de
 
 def make_camera(section: CameraSection) -> Camera:
     """Return the camera, not opened yet."""
-    config = CameraConfig(
+    config = camera_config(section)
+    return StreamCamera(config) if section.kind == "stream" else V4L2Camera(config)
+
+
+def camera_config(section: CameraSection) -> CameraConfig:
+    """Return what the driver of the camera is told of its section."""
+    return CameraConfig(
         device=section.device or section.endpoint or "",
         width_px=section.width,
         height_px=section.height,
@@ -203,5 +228,6 @@ def make_camera(section: CameraSection) -> Camera:
         gain=section.gain,
         focus=section.focus,
         white_balance_k=section.white_balance_k,
+        frame_timeout_s=section.frozen_ms / 1e3,
+        open_timeout_s=section.open_ms / 1e3,
     )
-    return StreamCamera(config) if section.kind == "stream" else V4L2Camera(config)

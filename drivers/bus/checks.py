@@ -18,6 +18,19 @@ EXCEPTION_MEANING = {
     0x0A: "gateway path unavailable",
     0x0B: "no answer behind the gateway",
 }
+ILLEGAL_FUNCTION = 1
+FUNCTION_USE = {
+    1: "read coils",
+    3: "read registers",
+    4: "read input registers",
+    5: "write one coil",
+    15: "write several coils",
+    16: "write registers",
+    od.FUNCTION_CODE: "object dictionary access, CiA 309; drives are set up and commanded by it",
+}
+# The slave asks for patience: it works on this request (05), or on another and did not take this one (06)
+BUSY = frozenset({5, 6})
+NOT_DONE = frozenset({6})
 
 
 def sound_reply(request: ModbusPDU, reply: ModbusPDU, device: str) -> ModbusPDU:
@@ -42,8 +55,16 @@ def _refusal(reply: ExtendedException, device: str) -> DeviceRefused:
         meaning = od.ABORT_MEANING.get(code, "abort code not known here")
         return DeviceRefused(f"abort {code:08X}h: {meaning}", device=device, code=code)
     meaning = EXCEPTION_MEANING.get(reply.exception_code, "not known here")
-    text = f"exception {reply.exception_code:02X}h to FC {reply.function_code & 0x7F}: {meaning}"
-    return DeviceRefused(text, device=device, code=reply.exception_code)
+    function = reply.function_code & 0x7F
+    text = f"exception {reply.exception_code:02X}h to FC {function}: {meaning}"
+    advice = _without(function) if reply.exception_code == ILLEGAL_FUNCTION else None
+    return DeviceRefused(text, device=device, code=reply.exception_code, advice=advice)
+
+
+def _without(function: int) -> str:
+    """Say what it means that a device has no such function code."""
+    what = FUNCTION_USE.get(function, "what was asked for")
+    return f"This device has no function code {function} ({what}): update its firmware, or use one that has it."
 
 
 def registers(reply: ModbusPDU, count: int, device: str) -> tuple[int, ...]:
@@ -60,8 +81,22 @@ def coils(reply: ModbusPDU, count: int, device: str) -> tuple[bool, ...]:
     return tuple(bool(bit) for bit in reply.bits[:count])
 
 
+def coils_echoed(reply: ModbusPDU, address: int, values: Sequence[object], device: str) -> None:
+    """Check the echo of a write of coils; some boards confirm all eight of theirs, whatever was written."""
+    first, behind = reply.address, reply.address + reply.count
+    if reply.count % 8 or first > address or behind < address + len(values):
+        echoed(reply, address, values, device)
+
+
+def coil_echoed(reply: ModbusPDU, address: int, value: bool, device: str) -> None:  # noqa: FBT001 - a level
+    """Check the echo of a write of one coil; raise ReplyError when it is another write's."""
+    if (reply.address, list(reply.bits[:1])) != (address, [value]):
+        text = f"wrote coil {address} {value}, reply confirms coil {reply.address} {list(reply.bits[:1])}"
+        raise ReplyError(text, device=device)
+
+
 def echoed(reply: ModbusPDU, address: int, values: Sequence[object], device: str) -> None:
-    """Check the echo of a write of several registers or coils; raise ReplyError when it is another write's."""
+    """Check the echo of a write of several registers; raise ReplyError when it is another write's."""
     if (reply.address, reply.count) != (address, len(values)):
         text = f"wrote {len(values)} at {address}, reply confirms {reply.count} at {reply.address}"
         raise ReplyError(text, device=device)

@@ -3,6 +3,9 @@
 from dataclasses import dataclass
 from typing import Literal
 
+# What a line behind a gateway is taken for: its speed is not known here
+_GATEWAY_BAUD = 9600
+
 
 @dataclass(frozen=True, slots=True)
 class SerialLine:
@@ -21,6 +24,10 @@ class SerialLine:
     def __str__(self) -> str:
         return f"{self.port} {self.baudrate} 8{self.parity}{self.stop_bits}"
 
+    def seconds(self, size: int) -> float:
+        """Give how long `size` bytes take."""
+        return size * (9 + (self.parity != "N") + self.stop_bits) / self.baudrate
+
 
 @dataclass(frozen=True, slots=True)
 class TcpLine:
@@ -32,6 +39,10 @@ class TcpLine:
 
     def __str__(self) -> str:
         return f"{self.framing}://{self.host}:{self.port}"
+
+    def seconds(self, size: int) -> float:
+        """Give how long `size` bytes take; behind a gateway there may be a line of the slowest usual speed."""
+        return size * 11 / _GATEWAY_BAUD
 
 
 Line = SerialLine | TcpLine
@@ -49,6 +60,9 @@ class BusTiming:
     """After this no reply to an old request can still arrive; a failed request keeps the line until then."""
     attempts: int = 3
     """How often a read or an idempotent write is tried in all."""
+    busy_s: float = 0.02
+    """First wait before a busy slave (exceptions 05 and 06) is asked again; doubles up to `busy_max_s`."""
+    busy_max_s: float = 0.2
     reconnect_s: float = 0.1
     """First wait before opening a lost port again; doubles up to `reconnect_max_s`."""
     reconnect_max_s: float = 2.0

@@ -2,16 +2,16 @@
 
 import asyncio
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
 from typing import Self, TypeVar
 
 import structlog
 from pymodbus.pdu import ModbusPDU
-from pymodbus.pdu.bit_message import ReadCoilsRequest, WriteMultipleCoilsRequest
+from pymodbus.pdu.bit_message import ReadCoilsRequest, WriteMultipleCoilsRequest, WriteSingleCoilRequest
 from pymodbus.pdu.register_message import (
     ReadHoldingRegistersRequest,
-    ReadWriteMultipleRegistersRequest,
+    ReadInputRegistersRequest,
     WriteMultipleRegistersRequest,
 )
 
@@ -23,6 +23,8 @@ from drivers.deadline import Deadline
 from drivers.errors import DeadlinePassed, DeviceRefused, LinkError, LinkTimeout, ReplyError
 
 T = TypeVar("T")
+# Bytes of reading one 32 bit object by FC 43, there and back, and what a slave may take to think
+OBJECT_BYTES, THOUGHT_S = 33, 0.005
 
 
 @dataclass(slots=True)
@@ -31,8 +33,12 @@ class BusStatistics:
 
     requests: int = 0
     timeouts: int = 0
+    lost: int = 0
+    """How often the port was gone when a request wanted to go out, or went while its reply was awaited."""
     garbled: int = 0
     refused: int = 0
+    busy: int = 0
+    """How often a slave asked for patience (exceptions 05 and 06)."""
     retries: int = 0
 
 
@@ -54,6 +60,8 @@ class ModbusBus:
         self._open_requests: set[asyncio.Task[ModbusPDU]] = set()
         self._closed = False
         self._labels: dict[int, str] = {}
+        # Slaves and the function codes that they do not know
+        self._lacking: set[tuple[int, int]] = set()
         self._log = structlog.get_logger().bind(device=str(link.line))
 
     @classmethod
@@ -100,15 +108,30 @@ class ModbusBus:
         return self._link.connected
 
     @property
+    def missing_answers(self) -> int:
+        """Count the requests that had no answer, or none that made sense, and how often the line was lost."""
+        return self.statistics.timeouts + self.statistics.garbled + self.statistics.lost
+
+    @property
+    def request_s(self) -> float:
+        """Tell how long asking for one object takes, with its bytes at this line's speed and a slave's thought."""
+        return self._timing.gap_s + THOUGHT_S + self._link.line.seconds(OBJECT_BYTES)
+
+    @property
     def reconnects(self) -> int:
         """Count how often the lost port was opened again."""
         return self._link.reconnects
 
     # ------------------------------------------------------------------ registers and coils
     async def read_registers(self, device_id: int, address: int, count: int, deadline: Deadline) -> tuple[int, ...]:
-        """Read `count` holding registers (FC 3)."""
-        request = ReadHoldingRegistersRequest(dev_id=_slave(device_id), address=address, count=count)
-        return await self._ask(request, deadline, lambda r, d: checks.registers(r, count, d))
+        """Read `count` registers (FC 3, or FC 4 on a slave that has only that)."""
+
+        async def ask(kind: type[ReadHoldingRegistersRequest] | type[ReadInputRegistersRequest]) -> tuple[int, ...]:
+            request = kind(dev_id=_slave(device_id), address=address, count=count)
+            return await self._ask(request, deadline, lambda r, d: checks.registers(r, count, d))
+
+        usual, other = ReadHoldingRegistersRequest, ReadInputRegistersRequest
+        return await self._either((device_id, usual.function_code), lambda: ask(usual), lambda: ask(other))
 
     async def write_registers(
         self,
@@ -123,34 +146,51 @@ class ModbusBus:
         request = WriteMultipleRegistersRequest(dev_id=_slave(device_id), address=address, registers=list(values))
         await self._ask(request, deadline, lambda r, d: checks.echoed(r, address, values, d), again=idempotent)
 
-    async def readwrite_registers(
-        self,
-        device_id: int,
-        write: tuple[int, Sequence[int]],
-        read: tuple[int, int],
-        deadline: Deadline,
-        *,
-        idempotent: bool = True,
-    ) -> tuple[int, ...]:
-        """Write (address, values) and then read (address, count) in one transaction (FC 23)."""
-        request = ReadWriteMultipleRegistersRequest(
-            read_address=read[0],
-            read_count=read[1],
-            write_address=write[0],
-            write_registers=list(write[1]),
-            dev_id=_slave(device_id),
-        )
-        return await self._ask(request, deadline, lambda r, d: checks.registers(r, read[1], d), again=idempotent)
-
     async def read_coils(self, device_id: int, address: int, count: int, deadline: Deadline) -> tuple[bool, ...]:
         """Read `count` coils (FC 1)."""
         request = ReadCoilsRequest(dev_id=_slave(device_id), address=address, count=count)
         return await self._ask(request, deadline, lambda r, d: checks.coils(r, count, d))
 
     async def write_coils(self, device_id: int, address: int, values: Sequence[bool], deadline: Deadline) -> None:
-        """Write coils as levels in one request (FC 15)."""
-        request = WriteMultipleCoilsRequest(dev_id=_slave(device_id), address=address, bits=list(values))
-        await self._ask(request, deadline, lambda r, d: checks.echoed(r, address, values, d))
+        """Write coils as levels in one request (FC 15), or one by one (FC 5) on a slave that lacks it.
+
+        One by one, what goes off goes off first.
+        """
+
+        async def together() -> None:
+            request = WriteMultipleCoilsRequest(dev_id=_slave(device_id), address=address, bits=list(values))
+            await self._ask(request, deadline, lambda r, d: checks.coils_echoed(r, address, values, d))
+
+        async def one_by_one() -> None:
+            for place, level in sorted(enumerate(values, address), key=lambda coil: coil[1]):
+                await self._write_coil(device_id, place, level, deadline)
+
+        key = (device_id, WriteMultipleCoilsRequest.function_code)
+        await self._either(key, together, one_by_one)
+
+    async def _write_coil(self, device_id: int, address: int, level: bool, deadline: Deadline) -> None:  # noqa: FBT001
+        request = WriteSingleCoilRequest(dev_id=_slave(device_id), address=address, bits=[level])
+        await self._ask(request, deadline, lambda r, d: checks.coil_echoed(r, address, level, d))
+
+    async def _either(
+        self, key: tuple[int, int], usual: Callable[[], Awaitable[T]], other: Callable[[], Awaitable[T]]
+    ) -> T:
+        """Ask in the usual way; a slave that does not know its function code is asked in the other from then on."""
+        if key not in self._lacking:
+            try:
+                return await usual()
+            except DeviceRefused as exc:
+                if exc.code != checks.ILLEGAL_FUNCTION:
+                    raise
+                lacks = exc
+            self._log.info("bus.function_code_missing", slave=key[0], fc=key[1])
+            try:
+                result = await other()
+            except DeviceRefused as exc:
+                raise lacks from exc
+            self._lacking.add(key)
+            return result
+        return await other()
 
     # ------------------------------------------------------------------ object dictionary
     async def od_read(
@@ -200,15 +240,27 @@ class ModbusBus:
         again: bool = True,
         od_write: bool = False,
     ) -> T:
-        """Try a request, again if allowed, until it has a fitting reply, the tries are used up or time is over."""
+        """Try a request, again if allowed, until it has a fitting reply, the tries are used up or time is over.
+
+        A slave that is busy (exceptions 05 and 06) is asked until it is not, or time is over.
+        """
         tries = self._timing.attempts if again else 1
+        wait_s = self._timing.busy_s
         while True:
-            tries -= 1
             try:
                 return await self._attempt(request, deadline, take, od_write=od_write)
             except DeadlinePassed:
                 raise
+            except DeviceRefused as exc:
+                if exc.code not in (checks.BUSY if again else checks.NOT_DONE) or wait_s >= deadline.remaining_s:
+                    raise
+                self.statistics.refused -= 1
+                self.statistics.busy += 1
+                self._log.debug("bus.busy", slave=request.dev_id, fc=request.function_code, cause=str(exc))
+                await asyncio.sleep(wait_s)
+                wait_s = min(2 * wait_s, self._timing.busy_max_s)
             except (LinkTimeout, ReplyError) as exc:
+                tries -= 1
                 if tries == 0 or deadline.expired:
                     raise
                 self.statistics.retries += 1
@@ -236,6 +288,8 @@ class ModbusBus:
     def _over(self, task: asyncio.Task[ModbusPDU]) -> None:
         self._open_requests.discard(task)
         self._lock.release()
+        if not task.cancelled():
+            task.exception()  # its caller may have gone: then nobody else asks how it ended
 
     async def _on_wire(
         self, request: ModbusPDU, take: Callable[[ModbusPDU, str], object], device: str, *, od_write: bool
@@ -243,7 +297,11 @@ class ModbusBus:
         """Do one exchange with the lock held; on failure keep the line until a late reply cannot come."""
         if self._closed:
             raise LinkError("the line is closed", device=device)
-        await self._link.connect()
+        try:
+            await self._link.connect()
+        except LinkError:
+            self.statistics.lost += 1
+            raise
         await asyncio.sleep(max(0.0, self._free_at_s - time.monotonic()))
         self.statistics.requests += 1
         try:
@@ -255,6 +313,7 @@ class ModbusBus:
             raise
         except (LinkError, ReplyError) as exc:
             self.statistics.timeouts += isinstance(exc, LinkTimeout)
+            self.statistics.lost += isinstance(exc, LinkError) and not isinstance(exc, LinkTimeout)
             self.statistics.garbled += isinstance(exc, ReplyError)
             await self._link.quiet()
             raise

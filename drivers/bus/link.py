@@ -16,6 +16,7 @@ from pymodbus.exceptions import ConnectionException, ModbusException
 from pymodbus.framer import FramerRTU, FramerType
 from pymodbus.pdu import ModbusPDU
 
+from drivers.bus import od
 from drivers.bus.contract import BusTiming, Line, SerialLine
 from drivers.bus.pdus import Expectation, HuntingRtuFramer, ReplyDecoder
 from drivers.errors import LinkError, LinkTimeout, ReplyError
@@ -25,6 +26,8 @@ ByteTap = Callable[[Literal["sent", "received"], bytes], None]
 
 # More silent requests than anyone will make: when to give up a connection is decided here, not in the library.
 _NEVER = 1_000_000_000
+# Bytes of the shortest RTU frame: address, function code, CRC
+_SHORTEST_FRAME = 4
 
 
 class Link:
@@ -38,6 +41,8 @@ class Link:
         self._log = structlog.get_logger().bind(device=str(line))
         self._expect = Expectation()
         self._heard = 0
+        self._sent = b""
+        self._echoed = False
         self._sent_at_s = 0.0
         self._next_try_s = 0.0
         self._backoff_s = timing.reconnect_s
@@ -91,6 +96,8 @@ class Link:
         try:
             reply = await self._client.execute(no_response_expected=False, request=request)
             self._heard = 0
+            if self._echoed:
+                raise self._hears_itself(device)
             return cast("ModbusPDU", reply)
         except ConnectionException as exc:
             raise self._broken("connection lost") from exc
@@ -103,9 +110,18 @@ class Link:
         await asyncio.sleep(max(0.0, over_s - time.monotonic()))
         self._flush()
 
+    @staticmethod
+    def _hears_itself(device: str) -> ReplyError:
+        advice = "Set local_echo = true for this bus, or switch the adapter's echo off (its receiver while it sends)."
+        return ReplyError(
+            "the adapter hears itself: the request came back before the reply", device=device, advice=advice
+        )
+
     def _silence(self, request: ModbusPDU, device: str) -> LinkError | ReplyError:
         if not self._client.connected:
             return self._broken("connection lost")
+        if self._echoed:
+            return self._hears_itself(device)
         rest = self._client.ctx.recv_buffer
         if rest:
             text = f"no sound frame in the reply to FC {request.function_code}: {rest[:40].hex(' ')}"
@@ -124,6 +140,7 @@ class Link:
             with contextlib.suppress(OSError, termios.error):
                 port.reset_input_buffer()
         self._client.ctx.recv_buffer = b""
+        self._client.ctx.sent_buffer = b""
         self._heard = 0
 
     # ------------------------------------------------------------------ the library's client
@@ -178,7 +195,23 @@ class Link:
             else:
                 self._tap("received", data[self._heard :])
         self._heard = 0 if sending else len(data)
+        if sending:
+            self._sent, self._echoed = data, False
+        else:
+            self._echoed = _is_echo(self._sent, data)
         return data
+
+
+def _is_echo(request: bytes, heard: bytes) -> bool:
+    """Tell whether what was heard is an RTU request itself, alone or with its reply behind it.
+
+    A reply may begin like its request by chance, where a value is the request's CRC, but is hardly longer then. A reply
+    to a write may be the same as the request.
+    """
+    function = request[1] if len(request) > _SHORTEST_FRAME else 0
+    reads = function in (1, 3, 4) or (function == od.FUNCTION_CODE and request[3] == 0)
+    behind = len(heard) - len(request)
+    return reads and heard.startswith(request) and (behind == 0 or behind > _SHORTEST_FRAME)
 
 
 def _advice(cause: BaseException | None) -> str | None:

@@ -12,11 +12,11 @@ from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
 from pymodbus.pdu.bit_message import (
     ReadCoilsResponse,
     WriteMultipleCoilsResponse,
+    WriteSingleCoilResponse,
 )
 from pymodbus.pdu.register_message import (
     ReadHoldingRegistersResponse,
     ReadInputRegistersResponse,
-    ReadWriteMultipleRegistersResponse,
     WriteMultipleRegistersResponse,
 )
 
@@ -72,12 +72,12 @@ REPLIES: dict[int, type[ModbusPDU]] = {
     0x01: ReadCoilsResponse,
     0x03: ReadHoldingRegistersResponse,
     0x04: ReadInputRegistersResponse,
+    0x05: WriteSingleCoilResponse,
     0x0F: WriteMultipleCoilsResponse,
     0x10: WriteMultipleRegistersResponse,
-    0x17: ReadWriteMultipleRegistersResponse,
     od.FUNCTION_CODE: OdPdu,
 }
-# FC 05 and 06 are never sent, but a stray reply of theirs must be known to be named as wrong.
+# FC 06 is never sent, but a stray reply of it must be known to be named as wrong.
 _FIXED_FRAME = {0x05: 8, 0x06: 8, 0x0F: 8, 0x10: 8}
 _COUNTED = (0x01, 0x02, 0x03, 0x04, 0x17)
 

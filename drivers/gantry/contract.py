@@ -10,6 +10,8 @@ from drivers.errors import EnvelopeViolation, MotionError
 # The head must never be between these angles (thesis, head angle 101..139 deg plus one degree each side)
 THETA_LAST_DEG = 100.0
 THETA_FIRST_DEG = 140.0
+# A drive at an end of the range may read back this far outside: it counts whole increments
+READ_BACK_DEG = 0.001
 _GANTRY = "gantry"
 
 
@@ -40,7 +42,7 @@ class GantryConfig:
     floor_z_um: float = -math.inf
     """Z is never sent below this: the lowest possible surface minus the most that the pin may be pushed."""
     backlash_um: float = 50.0
-    """X and Y come to every target from below, from at least this far (less at the lower end of the range)."""
+    """X and Y come to every target from below, from at least this far; a target without that room is refused."""
     backlash_theta_deg: float = 0.5625
     """Theta comes to every target from below, from at least this far."""
     backlash_z_um: float = 0.0
@@ -56,12 +58,11 @@ def axis_theta_deg(theta_deg: float) -> float:
 
     The coordinate never contains the forbidden band, so no path along it can cross it.
     """
-    # The 1e-9 keeps a round trip through floats on the end of the range
     head_deg = theta_deg % 360.0
-    if head_deg <= THETA_LAST_DEG + 1e-9:
-        return head_deg
-    if head_deg >= THETA_FIRST_DEG - 1e-9:
-        return head_deg - 360.0
+    if head_deg <= THETA_LAST_DEG + READ_BACK_DEG:
+        return min(head_deg, THETA_LAST_DEG)
+    if head_deg >= THETA_FIRST_DEG - READ_BACK_DEG:
+        return max(head_deg, THETA_FIRST_DEG) - 360.0
     text = f"head angle {head_deg:.4f} deg is in the forbidden band {THETA_LAST_DEG:g}..{THETA_FIRST_DEG:g}"
     raise EnvelopeViolation(text, device=_GANTRY, advice="Turn the other way round, or use another angle.")
 
@@ -184,15 +185,12 @@ class GantryAxis(Protocol):
     async def quick_stop(self) -> None:
         """Stop at once, with a deadline of its own."""
 
-    @property
-    def unstopped(self) -> bool:
-        """Whether it was to stop and its drive could not be told so."""
-
-    async def halt(self) -> None:
-        """Ramp down and stand, with a deadline of its own; raise what prevents it."""
-
     async def halt_if_possible(self) -> None:
         """Stop as the answer to another failure: what goes wrong here is only logged."""
+
+    @property
+    def unstopped(self) -> bool:
+        """Whether a stop was ordered that could not be confirmed: the motor may still run."""
 
     def release(self) -> None:
         """Allow moves again after a stop."""

@@ -9,7 +9,16 @@ from dataclasses import replace
 import structlog
 
 from drivers.deadline import Deadline
-from drivers.errors import DeadlinePassed, EnvelopeViolation, MotionError, MotionTimeout, NotHomed, Stalled
+from drivers.errors import (
+    DeadlinePassed,
+    DeviceError,
+    EnvelopeViolation,
+    LinkError,
+    MotionError,
+    MotionTimeout,
+    NotHomed,
+    Stalled,
+)
 from drivers.gantry.contract import AxisCondition, GantryAxis, GantryConfig, Position, SelfTest, axis_theta_deg
 from drivers.gantry.path import Ends, Leg, plan
 from drivers.shielded import finish
@@ -37,15 +46,29 @@ class Gantry:
             raise ValueError(f"theta range {ranges['theta']} reaches beyond -220..100 deg")
         self.config = config
         self._axes = {name: axes[name] for name in AXES}
+        self._ranges = ranges
         self._ends = Ends(ranges["x"], ranges["y"], ranges["z"], ranges["theta"])
         self._moving = False
+        self._stopping = asyncio.Lock()
         self._off: dict[str, float] = {}
         self._log = structlog.get_logger().bind(device=_NAME)
 
     # ------------------------------------------------------------------ looks
     async def start(self, deadline: Deadline) -> Mapping[str, SelfTest]:
-        """Identify and set up all drives. Moves nothing; a drive found running is halted."""
-        return {name: await axis.start(deadline) for name, axis in self._axes.items()}
+        """Identify and set up all drives. Moves nothing; a drive found running is halted.
+
+        Raises the first failure, after all drives were asked: behind the one that failed another may be running.
+        """
+        found: dict[str, SelfTest] = {}
+        failures: list[DeviceError] = []
+        for name, axis in self._axes.items():
+            try:
+                found[name] = await axis.start(deadline)
+            except DeviceError as exc:
+                failures.append(exc)
+        if failures:
+            raise failures[0]
+        return found
 
     async def homed(self, deadline: Deadline | None = None) -> bool:
         """Ask all drives whether they still have their reference.
@@ -75,14 +98,16 @@ class Gantry:
 
     def check(self, target: Position) -> Position:
         """Give the target with theta as axis coordinate; raise EnvelopeViolation when it is out of reach."""
-        place = replace(target, theta_deg=axis_theta_deg(target.theta_deg))
-        if place.z_um < self.config.floor_z_um:
-            text = f"Z {place.z_um:.1f} um is below the floor at {self.config.floor_z_um:.1f} um"
+        if target.z_um < self.config.floor_z_um:
+            text = f"Z {target.z_um:.1f} um is below the floor at {self.config.floor_z_um:.1f} um"
             advice = "No surface lies so low: check the heights in the configuration."
             raise EnvelopeViolation(text, device=_NAME, advice=advice)
-        for name, at in _by_axis(place).items():
+        wanted = _by_axis(replace(target, theta_deg=axis_theta_deg(target.theta_deg)))
+        for name, at in wanted.items():
             self._axes[name].check(at)
-        return place
+        # What was read back at an end of the range may lie a rounded increment outside
+        x, y, z, theta = (min(max(wanted[name], low), high) for name, (low, high) in self._ranges.items())
+        return Position(x, y, z, theta)
 
     # ------------------------------------------------------------------ moves
     async def move_to(
@@ -180,11 +205,15 @@ class Gantry:
         if failures:
             raise failures[0]
 
-    async def halt_unstopped(self) -> None:
-        """Halt the axes whose drives could not be told to stop when they were to; raise what still prevents it."""
-        for axis in self._axes.values():
-            if axis.unstopped:
-                await axis.halt()
+    @property
+    def unstopped(self) -> tuple[str, ...]:
+        """Name the axes that were to be stopped and may still run: the line or the drive did not confirm it."""
+        return tuple(name for name, axis in self._axes.items() if axis.unstopped)
+
+    async def stop_again(self) -> None:
+        """Halt the axes that may still run after a stop; raises nothing: `unstopped` tells what is left."""
+        async with self._stopping:
+            await finish(self._halt(self.unstopped))
 
     async def forget_homing(self, deadline: Deadline, axes: Iterable[str] = AXES) -> None:
         """Make axes need their homing run again; what moves the machine refuses until then.
@@ -207,21 +236,25 @@ class Gantry:
         if self._moving:
             raise MotionError("a move is under way", device=_NAME, advice="Wait for it, or stop it first.")
         self._moving = True
-        for axis in self._axes.values():
-            axis.release()
         try:
+            await self.stop_again()
+            if self.unstopped:
+                text = f"may still run, and could not be stopped: {', '.join(self.unstopped)}"
+                raise LinkError(text, device=_NAME)
+            for axis in self._axes.values():
+                axis.release()
             yield
         except BaseException as exc:
             self._log.warning("gantry.stopping", cause=f"{type(exc).__name__}: {exc}")
-            await finish(self._halt_all())
+            await finish(self._halt(AXES))
             if isinstance(exc, DeadlinePassed):
                 raise MotionTimeout("not there by the deadline", device=_NAME) from exc
             raise
         finally:
             self._moving = False
 
-    async def _halt_all(self) -> None:
-        await asyncio.gather(*(axis.halt_if_possible() for axis in self._axes.values()))
+    async def _halt(self, axes: Iterable[str]) -> None:
+        await asyncio.gather(*(self._axes[name].halt_if_possible() for name in axes))
 
     async def _not_homed(self, deadline: Deadline) -> list[str]:
         return [name for name, axis in self._axes.items() if not await axis.homed(deadline)]

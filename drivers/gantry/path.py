@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from drivers.errors import EnvelopeViolation
 from drivers.gantry.contract import GantryConfig, Position
 
 
@@ -13,6 +14,11 @@ class Leg:
     to: Mapping[str, float]
     speed_units_s: float | None = None
     """At most; None: as fast as each axis may."""
+
+
+_NO_ROOM = "Choose a target farther inside, or let the axis' range reach farther where the machine allows it."
+# Sums of decimal numbers may be off by this much
+_ROUNDING = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +43,7 @@ def plan(
 
     A leg names only the axes that move. A pure Z move has no retract. Axes in `from_above` (x, y, theta) come from
     the other side. Below `slow_z_um` (None: the configuration's) Z goes down slowly; up it always goes fast.
+    Raises EnvelopeViolation for a target so near to an end that there is no room for the approach.
     """
     legs: list[Leg] = []
     across = _across(now, target, config, ends, from_above)
@@ -84,7 +91,11 @@ def _across(
         if abs(to - here) <= same:
             continue
         final[name] = to
-        before = min(to + backlash, high) if name in from_above else max(to - backlash, low)
+        before = to + backlash if name in from_above else to - backlash
+        if not low - _ROUNDING <= before <= high + _ROUNDING:
+            side, end = ("above", high) if name in from_above else ("below", low)
+            text = f"{name} {to:.4f} is too near to the end {end:g}: to come from {side}, {backlash:g} are needed"
+            raise EnvelopeViolation(text, device="gantry", advice=_NO_ROOM)
         # From further out on that side it comes from the right one anyway
         if (here < before) if name in from_above else (here > before):
             aside[name] = before

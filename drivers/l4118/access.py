@@ -1,4 +1,4 @@
-"""One drive on the bus: its object dictionary by FC 43, its process image by FC 3 and FC 23."""
+"""One drive on the bus: its object dictionary by FC 43, its status image by FC 3."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,7 +8,7 @@ from drivers.deadline import Deadline
 from drivers.errors import DeviceError, DeviceRefused, ReplyError
 from drivers.l4118 import objects as od
 from drivers.l4118.contract import AxisConfig, AxisStatus
-from drivers.l4118.image import RX_ADDRESS, RX_WANTED, TX_ADDRESS, TX_WANTED, Layout, WordOrder, parse
+from drivers.l4118.image import TX_ADDRESS, TX_WANTED, Layout, WordOrder, order_shown, parse
 
 
 def key(entry: OdEntry) -> int:
@@ -19,19 +19,22 @@ def key(entry: OdEntry) -> int:
 class DriveAccess:
     """Reads and writes of one drive; what the self-test settles is kept here.
 
-    The Rx image is always written as a whole and holds levels only, so writing it twice is the same as writing
-    it once: the bus may repeat it after a lost reply. What the line or the drive raises says which axis it is about,
-    and which object where one was asked for.
+    Everything is written by FC 43, each object by its own number. The process image is only read: a drive that has just
+    restarted has its own mapping in force, and what is written into the image would land in other objects. All that
+    is written are levels, so writing one twice is the same as once: the bus may repeat it after a lost reply.
+
+    What the line or the drive raises says which axis it is about, and which object where one was asked for.
     """
 
     def __init__(self, bus: ModbusBus, config: AxisConfig) -> None:
         self.config = config
         self.addressing = config.addressing or OdAddressing()
-        self.word_order: WordOrder = "big" if config.word_order == "auto" else config.word_order
+        self.word_order: WordOrder | None = None
+        """Order of the words of a 32 bit value in the image; None until a value has shown it."""
         self.tx: Layout = parse(TX_WANTED)
-        self.rx: Layout = parse(RX_WANTED)
         self.target_increments = 0
         self.velocity_counts = 0
+        self._velocity_kept: int | None = None
         self._bus = bus
         bus.label(config.address, config.name)
 
@@ -68,28 +71,56 @@ class DriveAccess:
         with self._about():
             await self._bus.read_registers(self.config.address, TX_ADDRESS, 2, deadline)
 
+    async def image(self, deadline: Deadline) -> tuple[int, ...]:
+        """Read the registers of the Tx image."""
+        with self._about():
+            return await self._bus.read_registers(self.config.address, TX_ADDRESS, self.tx.register_count, deadline)
+
     async def status(self, deadline: Deadline) -> AxisStatus:
-        """Read the Tx image."""
-        count = self.tx.register_count
-        with self._about():
-            return self._decode(await self._bus.read_registers(self.config.address, TX_ADDRESS, count, deadline))
+        """Read the Tx image; a long value whose word order no value has shown yet is read by FC 43."""
+        registers = await self.image(deadline)
+        position = await self._long(registers, od.POSITION_ACTUAL, deadline)
+        return AxisStatus(
+            statusword=self.tx.value(registers, key(od.STATUSWORD), "big"),
+            mode=self.tx.value(registers, key(od.MODE_DISPLAY), "big", signed=True),
+            position_units=self.config.to_units(position),
+            inputs=await self._long(registers, od.DIGITAL_INPUTS, deadline),
+        )
 
-    async def command(self, control: int, deadline: Deadline) -> AxisStatus:
-        """Write the Rx image with this control word and read the Tx image, in one transaction.
+    async def statusword(self, deadline: Deadline) -> int:
+        """Read 6041h by FC 43: right whatever lies in the image."""
+        return await self.read(od.STATUSWORD, deadline)
 
-        The status may still be the one from before the command: poll on.
-        """
-        values = {
-            key(od.CONTROLWORD): control,
-            key(od.TARGET_POSITION): self.target_increments,
-            key(od.PROFILE_VELOCITY): self.velocity_counts,
-        }
-        registers = self.rx.registers(values, self.word_order)
-        read = (TX_ADDRESS, self.tx.register_count)
-        with self._about():
-            return self._decode(
-                await self._bus.readwrite_registers(self.config.address, (RX_ADDRESS, registers), read, deadline)
-            )
+    async def command(self, control: od.Control, deadline: Deadline) -> None:
+        """Write the controlword; a new set-point is preceded by its target, and by its speed where that changed."""
+        if control is od.Control.NEW_SET_POINT:
+            await self.write(od.TARGET_POSITION, self.target_increments, deadline)
+            if self._velocity_kept != self.velocity_counts:
+                await self.write(od.PROFILE_VELOCITY, self.velocity_counts, deadline)
+                self._velocity_kept = self.velocity_counts
+        await self.write(od.CONTROLWORD, control, deadline)
+
+    def forget(self) -> None:
+        """Forget what was found out before: the drive may have restarted since."""
+        self.word_order = self._velocity_kept = None
+
+    def note_word_order(self, order: WordOrder) -> None:
+        """Keep the order that a value has shown; raise ReplyError when the configuration says another."""
+        if self.config.word_order not in ("auto", order):
+            text = f"word order is {order}, the configuration says {self.config.word_order}"
+            raise ReplyError(text, device=self.config.name, advice="Set word_order to auto.")
+        self.word_order = order
+
+    async def _long(self, registers: tuple[int, ...], entry: OdEntry, deadline: Deadline) -> int:
+        """Take a 32 bit value out of the image."""
+        big, little = self.tx.both_orders(registers, key(entry), signed=entry.signed)
+        if big == little or self.word_order is not None:
+            return little if self.word_order == "little" else big
+        exact = await self.read(entry, deadline)
+        shown = order_shown(big, little, exact)
+        if shown is not None:
+            self.note_word_order(shown)
+        return exact
 
     @contextmanager
     def _about(self, entry: OdEntry | None = None) -> Iterator[None]:
@@ -99,13 +130,3 @@ class DriveAccess:
         except DeviceError as exc:
             exc.axis, exc.object = self.config.name, entry.place if entry else None
             raise
-
-    def _decode(self, registers: tuple[int, ...]) -> AxisStatus:
-        order, tx = self.word_order, self.tx
-        position = tx.value(registers, key(od.POSITION_ACTUAL), order, signed=True)
-        return AxisStatus(
-            statusword=tx.value(registers, key(od.STATUSWORD), order),
-            mode=tx.value(registers, key(od.MODE_DISPLAY), order, signed=True),
-            position_units=self.config.to_units(position),
-            inputs=tx.value(registers, key(od.DIGITAL_INPUTS), order),
-        )

@@ -2,13 +2,14 @@
 
 import zlib
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Final, Literal
 
 from drivers.bus import OdAddressing
 from drivers.errors import MotionError
 from drivers.l4118.diagnosis import NOTHING_SEEN, Evidence, diagnose
 from drivers.l4118.image import WordOrder
 from drivers.l4118.objects import (
+    DI_HOME,
     DI_INTERLOCK,
     DI_NEGATIVE_LIMIT,
     DI_POSITIVE_LIMIT,
@@ -21,6 +22,15 @@ from drivers.l4118.objects import (
     PowerState,
     decode_state,
 )
+
+# How many requests `Axis.health` makes
+HEALTH_REQUESTS: Final = 8
+# Bit of 3240h:01 that each homing method cannot do without
+_HOMING_SWITCH = {
+    17: DI_NEGATIVE_LIMIT,
+    18: DI_POSITIVE_LIMIT,
+    **dict.fromkeys((19, 20, 21, 22), DI_HOME),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +75,11 @@ class AxisConfig:
     """How long one state change, mode change or set-point acknowledge may take."""
     stall_s: float = 2.0
     """A move whose position stands still this long short of its target is a stall."""
+    switch_inputs: int | None = None
+    """3240h:01, which inputs act as switches: bit 0 negative limit, 1 positive limit, 2 home. Written at start; None:
+    left as it is."""
+    motor_mode: int | None = None
+    """3202h as it has to be; None: anything that can be a motor mode."""
 
     def __post_init__(self) -> None:
         if not self.min_units < self.max_units:
@@ -73,6 +88,21 @@ class AxisConfig:
             raise ValueError(f"{self.name}: increments_per_unit must not be zero")
         if min(self.speed_units_s, self.acceleration_units_s2, self.window_units) <= 0:
             raise ValueError(f"{self.name}: speed, acceleration and window must be above zero")
+
+    @property
+    def ramp_s(self) -> float:
+        """Give how long a ramp from full speed to standstill takes."""
+        return max(self.speed_units_s, self.homing.switch_speed_units_s) / self.acceleration_units_s2
+
+    @property
+    def increment_units(self) -> float:
+        """Give how far one increment is."""
+        return 1.0 / abs(self.increments_per_unit)
+
+    @property
+    def homing_switch(self) -> int:
+        """Give the bit of 3240h:01 without which the homing method finds no switch; zero when it needs none."""
+        return _HOMING_SWITCH.get(self.homing.method, 0)
 
     def to_increments(self, position_units: float) -> int:
         """Convert a coordinate to the drive's position, rounded to whole increments."""
@@ -185,11 +215,15 @@ class AxisFindings:
 
     vendor_id: int
     addressing: OdAddressing
-    word_order: WordOrder
+    word_order: WordOrder | None
+    """None while no value has shown it: the position reads the same in both orders."""
     position_unit: int
     speed_unit: int
     tx_mapping: tuple[int, ...]
-    rx_mapping: tuple[int, ...]
+    motor_mode: int | None
+    """3202h, None when the drive has no such object."""
+    switch_inputs: int | None
+    """3240h:01, None when the drive has no such object."""
     homed: bool
     status: AxisStatus
     error_code: int

@@ -30,19 +30,25 @@ from drivers.l4118.contract import AxisConfig, AxisFindings, AxisHealth, AxisIde
 from drivers.l4118.diagnosis import Evidence, diagnose, stopped_by_program, untaken_step
 from drivers.l4118.objects import Control, Mode, PowerState
 from drivers.l4118.startup import prepare
+from drivers.l4118.stopping import bring_to_rest, switch_off
+from drivers.l4118.travel import TravelWatch
 from drivers.l4118.units import SpeedUnit
 from drivers.shielded import finish
 
-# Time given to a stop, which must end by itself even when everything else is broken
-STOP_S: Final = 3.0
 # Time given to a lost line to come back for a halt
 RELINK_S: Final = 1.0
 # Homing where the axis stands: nothing turns, so the status never shows it under way
 _HOMING_IN_PLACE = frozenset({35, 37})
 # What may still be commanded after a stop: nothing of it starts a motor
-_HARMLESS = frozenset({Control.DISABLE_VOLTAGE, Control.SHUTDOWN, Control.HALT, Control.FAULT_RESET})
+_HARMLESS = frozenset(
+    {Control.DISABLE_VOLTAGE, Control.QUICK_STOP, Control.SHUTDOWN, Control.HALT, Control.FAULT_RESET}
+)
+# What may set a motor in motion, at once or by what follows
+_MAY_RUN = frozenset({Control.ENABLE, Control.START, Control.NEW_SET_POINT})
 # What takes the drive out of operation enabled
-_SWITCHES_OFF = frozenset({Control.DISABLE_VOLTAGE, Control.SHUTDOWN, Control.SWITCH_ON, Control.FAULT_RESET})
+_SWITCHES_OFF = frozenset(
+    {Control.DISABLE_VOLTAGE, Control.QUICK_STOP, Control.SHUTDOWN, Control.SWITCH_ON, Control.FAULT_RESET}
+)
 
 
 class Axis:
@@ -61,10 +67,13 @@ class Axis:
         self._speed: SpeedUnit | None = None
         self._watch: ArrivalWatch | None = None
         self._stopped = False
-        self._unstopped = False
         # How the drive was left: what it shows later is judged by that
         self._left_enabled = False
         self._left_homed = False
+        # Whether the drive may run for all that is known: it was told to, and no stop since then was confirmed
+        self._may_run = False
+        # Whether bit 4 of the controlword may be set: the next set-point needs its rising edge
+        self._start_bit = True
         # Keeps the order of control words: a repeated one must not overtake a stop
         self._commanding = asyncio.Lock()
         self._log = structlog.get_logger().bind(device=config.name)
@@ -73,8 +82,7 @@ class Axis:
     async def start(self, deadline: Deadline) -> AxisFindings:
         """Identify the drive, settle its open points, set units, ramps and limits. Moves nothing."""
         findings, self._speed = await prepare(self._drive, deadline)
-        self._unstopped = False
-        self._left_enabled, self._left_homed = False, findings.homed
+        self._left_enabled, self._left_homed, self._may_run = False, findings.homed, False
         config, drive = self.config, self._drive
         ramp = self._counts(config.acceleration_units_s2)
         for entry in (od.PROFILE_ACCELERATION, od.PROFILE_DECELERATION, od.QUICK_STOP_DECELERATION):
@@ -88,6 +96,14 @@ class Axis:
         """Ask the drive who it is; a number it does not give is zero."""
         entries = (od.VENDOR_ID, od.PRODUCT_CODE, od.REVISION, od.SERIAL_NUMBER)
         return AxisIdentity(*[await self._drive.read_if_there(entry, deadline) or 0 for entry in entries])
+
+    async def settings(self, deadline: Deadline) -> dict[str, int | None]:
+        """Read motor, switch and stop settings as they are, by object ("605Ah:00"); None: no such object."""
+        return {entry.place: await self._drive.read_if_there(entry, deadline) for entry in od.SETTINGS}
+
+    async def statusword(self, deadline: Deadline) -> int:
+        """Read 6041h by FC 43, the shortest question there is."""
+        return await self._drive.statusword(deadline)
 
     async def status(self, deadline: Deadline) -> AxisStatus:
         """Look at the axis."""
@@ -146,7 +162,9 @@ class Axis:
     def check(self, target_units: float) -> None:
         """Raise EnvelopeViolation when the target is outside of the axis' range."""
         low, high = self.config.min_units, self.config.max_units
-        if not low <= target_units <= high:
+        # What the drive reads back at an end of the range may be off by a rounded increment
+        slack = self.config.increment_units
+        if not low - slack <= target_units <= high + slack:
             text = f"target {target_units:.3f} is outside of {low:.3f}..{high:.3f}"
             raise EnvelopeViolation(text, device=self.config.name)
 
@@ -171,14 +189,17 @@ class Axis:
         `speed_units_s`: at most so fast (6081h), None: as fast as the axis may. It goes with the target, in one frame.
         """
         self.check(target_units)
-        await self._enable(Mode.PROFILE_POSITION, deadline)
-        drive = self._drive
-        drive.velocity_counts = self._velocity_counts(speed_units_s)
-        drive.target_increments = self.config.to_increments(target_units)
-        before = await self._command(Control.ENABLE, deadline)
-        # Bit 12 of the former set-point must be gone, else it would be taken for ours
-        await self._until(lambda s: not s.acknowledged, before, "old set-point acknowledge stays", deadline)
-        status = await self._command(Control.NEW_SET_POINT, deadline)
+        target_units = min(max(target_units, self.config.min_units), self.config.max_units)
+        before = await self._enable(Mode.PROFILE_POSITION, deadline)
+        if before.acknowledged or self._start_bit:
+            # Bit 12 of the former set-point must be gone, else it would be taken for ours
+            await self._command(Control.ENABLE, deadline)
+            before = await self.status(deadline)
+            await self._until(lambda s: not s.acknowledged, before, "old set-point acknowledge stays", deadline)
+        self._drive.velocity_counts = self._velocity_counts(speed_units_s)
+        self._drive.target_increments = self.config.to_increments(target_units)
+        await self._command(Control.NEW_SET_POINT, deadline)
+        status = await self.status(deadline)
         await self._until(lambda s: s.acknowledged, status, "set-point was not acknowledged", deadline)
         await self._command(Control.ENABLE, deadline)
         self._watch = ArrivalWatch(self.config, before.position_units, target_units, time.monotonic())
@@ -211,10 +232,21 @@ class Axis:
         await self._write_limits(deadline)
         await self._drive.write_checked(od.HOMED_MARKER, self.config.homed_marker, deadline)
         self._left_homed = True
+        await self._still_referenced(deadline)
         self._log.info("axis.homed")
+
+    async def _still_referenced(self, deadline: Deadline) -> None:
+        """Take the marker back from a drive that restarted while it was written: its count begins at any place."""
+        statusword = await self._drive.statusword(deadline)
+        if od.decode_state(statusword) is PowerState.OPERATION_ENABLED:
+            return
+        error = await self._diagnosed(statusword, deadline)
+        await self.forget_homing(deadline)
+        raise error
 
     async def _prepare_homing(self, deadline: Deadline) -> None:
         drive, homing = self._drive, self.config.homing
+        await self._must_heed_switch(deadline)
         # From here on the old reference is not to be trusted, whatever comes
         await self.forget_homing(deadline)
         for entry, value in (
@@ -228,10 +260,30 @@ class Axis:
         ):
             await drive.write_checked(entry, value, deadline)
 
+    async def _must_heed_switch(self, deadline: Deadline) -> None:
+        """Raise MotionError when the drive is not told to heed the switch that the homing method looks for."""
+        needs = self.config.homing_switch
+        heeds = await self._drive.read_if_there(od.SWITCH_INPUTS, deadline) if needs else None
+        if heeds is None or heeds & needs:
+            return
+        method = self.config.homing.method
+        text = (
+            f"homing method {method} would pass its switch: 3240h:01 = {heeds:X}h, without bit {needs.bit_length() - 1}"
+        )
+        advice = (
+            "Set switch_inputs of this axis in the configuration (7: both limits and home), or 3240h:01 in the drive."
+        )
+        error = MotionError(text, device=self.config.name, advice=advice)
+        error.object = od.SWITCH_INPUTS.place
+        raise error
+
     async def _run_homing(self, deadline: Deadline) -> None:
         await self._enable(Mode.HOMING, deadline)
-        stale = (await self._command(Control.ENABLE, deadline)).acknowledged
-        status = await self._command(Control.START, deadline)
+        await self._command(Control.ENABLE, deadline)
+        status = await self.status(deadline)
+        stale, travel = status.acknowledged, TravelWatch(self.config, status.position_units, time.monotonic())
+        await self._command(Control.START, deadline)
+        status = await self.status(deadline)
         if stale and self.config.homing.method not in _HOMING_IN_PLACE:
             await self._until(lambda s: not s.acknowledged, status, "homing did not start", deadline)
         status = await self.status(deadline)
@@ -241,6 +293,7 @@ class Axis:
             if status.mode_error:
                 text = f"homing method {self.config.homing.method} failed (status {status.statusword:04X}h)"
                 raise MotionError(text, device=self.config.name, advice="Check the home and limit switches.")
+            travel.look(status.position_units, time.monotonic())
             await asyncio.sleep(self.config.poll_s)
             status = await self.status(deadline)
         await self._must_run(status, deadline)
@@ -260,29 +313,18 @@ class Axis:
             raise
 
     async def halt(self) -> None:
-        """Ramp down, wait until the axis stands, switch off (a halt released would finish the old move).
+        """Ramp down, wait until the axis stands, switch off; by FC 43, whatever lies in the image.
 
-        Has its own deadline of a few seconds. Raises what the link or the drive raises.
+        Each step has its own deadline. Raises what the link or the drive raises; then `unstopped` is true.
         """
-        self._stopped, self._watch, self._unstopped = True, None, True
-        deadline = Deadline.after(STOP_S)
-        status = await self.status(deadline)
-        if status.state is not PowerState.OPERATION_ENABLED:
-            self._unstopped = False
-            return
-        status = await self._command(Control.HALT, deadline)
-        while status.state is PowerState.OPERATION_ENABLED and not status.target_reached:
-            if deadline.expired:
-                break  # switching off below stops it too, only harder
-            await asyncio.sleep(self.config.poll_s)
-            status = await self.status(deadline)
-        await self._command(Control.SHUTDOWN, Deadline.after(STOP_S))
-        self._unstopped = False
+        self._stopped, self._watch = True, None
+        await bring_to_rest(self._drive, self._command)
+        self._may_run = False
 
     @property
     def unstopped(self) -> bool:
-        """Tell whether the axis was to be stopped and its drive has not confirmed it: a motor may be running."""
-        return self._unstopped
+        """Tell whether a stop was ordered that could not be confirmed: the motor may still run."""
+        return self._stopped and self._may_run
 
     async def halt_if_possible(self) -> None:
         """Halt as the answer to another failure, which must not be hidden: what goes wrong here is only logged.
@@ -302,15 +344,13 @@ class Axis:
             await asyncio.sleep(RELINK_S / 10)
 
     async def quick_stop(self) -> None:
-        """Stop on the quick-stop ramp (6085h). Has its own deadline; homing is kept.
+        """Stop on the quick-stop ramp (6085h). Has its own deadlines; homing is kept.
 
-        By FC 43: after a power cut the image would carry our target into some other object.
+        Raises what the link or the drive raises; then `unstopped` is true.
         """
-        self._stopped, self._watch, self._unstopped = True, None, True
-        async with self._commanding:
-            self._left_enabled = False
-            await self._drive.write(od.CONTROLWORD, Control.QUICK_STOP, Deadline.after(STOP_S))
-        self._unstopped = False
+        self._stopped, self._watch = True, None
+        await switch_off(self._drive, self._command, Control.QUICK_STOP)
+        self._may_run = False
 
     async def reset_fault(self, deadline: Deadline) -> None:
         """Clear a fault by the rising edge of bit 7; raise what it is, such as DriveFault, when its cause remains."""
@@ -327,7 +367,7 @@ class Axis:
         await self._command(Control.DISABLE_VOLTAGE, deadline)
 
     # ------------------------------------------------------------------ the power machine
-    async def _enable(self, mode: Mode, deadline: Deadline) -> None:
+    async def _enable(self, mode: Mode, deadline: Deadline) -> AxisStatus:
         """Bring the drive to operation enabled in `mode`, which 6061h must show before any start edge."""
         if self._speed is None:
             raise MotionError("start() has not run", device=self.config.name, advice="Call start first.")
@@ -336,21 +376,25 @@ class Axis:
             await self._must_run(status, deadline)
         if status.state is PowerState.OPERATION_ENABLED and status.mode == mode:
             self._left_enabled = True
-            return
+            return status
         await self._step(Control.DISABLE_VOLTAGE, PowerState.SWITCH_ON_DISABLED, deadline)
         await self._drive.write(od.MODE, mode, deadline)
-        # A start from standstill: the old target must not be the first thing the drive sees
-        self._drive.target_increments = self.config.to_increments(status.position_units)
         await self._step(Control.SHUTDOWN, PowerState.READY, deadline)
         await self._step(Control.SWITCH_ON, PowerState.SWITCHED_ON, deadline)
         await self._step(Control.ENABLE, PowerState.OPERATION_ENABLED, deadline)
         self._left_enabled = True
         status = await self.status(deadline)
         await self._until(lambda s: s.mode == mode, status, f"6061h does not show mode {mode.value}", deadline)
+        if mode is Mode.PROFILE_POSITION and not await self._marked(deadline):
+            # It restarted on the way here; from now on a restart would end "operation enabled"
+            unreferenced = NotHomed("no reference", device=self.config.name)
+            raise await self._diagnosed(status.statusword, deadline, unreferenced)
+        return status
 
     async def _step(self, control: Control, wanted: PowerState, deadline: Deadline) -> None:
         limit = deadline.within(self.config.state_timeout_s)
-        status = await self._command(control, deadline)
+        await self._command(control, deadline)
+        status = await self.status(deadline)
         while status.state is not wanted:
             if status.state is PowerState.FAULT:
                 raise await self._diagnosed(status.statusword, deadline)
@@ -360,13 +404,16 @@ class Axis:
             await asyncio.sleep(self.config.poll_s)
             status = await self.status(deadline)
 
-    async def _command(self, control: Control, deadline: Deadline) -> AxisStatus:
+    async def _command(self, control: Control, deadline: Deadline) -> None:
         async with self._commanding:
             if self._stopped and control not in _HARMLESS:
                 raise stopped_by_program(self.config.name)
             if control in _SWITCHES_OFF:
                 self._left_enabled = False
-            return await self._drive.command(control, deadline)
+            self._may_run = self._may_run or control in _MAY_RUN
+            self._start_bit = self._start_bit or control in (Control.START, Control.NEW_SET_POINT)
+            await self._drive.command(control, deadline)
+            self._start_bit = control in (Control.START, Control.NEW_SET_POINT)
 
     async def _until(
         self, holds: Callable[[AxisStatus], bool], status: AxisStatus, otherwise: str, deadline: Deadline

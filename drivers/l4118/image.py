@@ -1,6 +1,6 @@
-"""The process image: which object lies where in the registers from 5000 (Tx) and 6000 (Rx). Pure.
+"""The process image: which object lies where in the registers from 5000 on (Tx, what the drive tells). Pure.
 
-Data are packed without gaps in the order of the mapping (3602h, 3502h), big-endian (drive manual, "PDO").
+Data are packed without gaps in the order of the mapping (3602h), big-endian (drive manual, "PDO").
 The order of the two words of a 32 bit value is not settled there: it is an argument.
 """
 
@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 TX_ADDRESS = 5000
-RX_ADDRESS = 6000
 
 WordOrder = Literal["big", "little"]
 
@@ -18,8 +17,6 @@ _FIRST_REAL_INDEX = 0x1000
 
 # 6041h, dummy u8, 6061h, 6064h, 60FDh: even number of registers, long values on even registers
 TX_WANTED = (0x60410010, 0x00050008, 0x60610008, 0x60640020, 0x60FD0020)
-# 6040h, dummy u16, 607Ah, 6081h. The mode (6060h) goes by FC 43, so no 8 bit value is ever written here
-RX_WANTED = (0x60400010, 0x00060010, 0x607A0020, 0x60810020)
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,16 +49,9 @@ class Layout:
             raw = b"".join(word.to_bytes(2, "big") for word in words)
         return int.from_bytes(raw, "big", signed=signed)
 
-    def registers(self, values: Mapping[int, int], order: WordOrder) -> list[int]:
-        """Build the registers of the whole image; objects not in `values` become zero."""
-        image = bytearray(2 * self.register_count)
-        for key, value in values.items():
-            slot = self.slots[key]
-            raw = (value % (1 << 8 * slot.size)).to_bytes(slot.size, "big")
-            if order == "little" and slot.size == 4:
-                raw = raw[2:] + raw[:2]
-            image[slot.offset : slot.offset + slot.size] = raw
-        return [int.from_bytes(image[at : at + 2], "big") for at in range(0, len(image), 2)]
+    def both_orders(self, registers: Sequence[int], key: int, *, signed: bool = False) -> tuple[int, int]:
+        """Take one object out of the registers as it reads with the high, and with the low word first."""
+        return self.value(registers, key, "big", signed=signed), self.value(registers, key, "little", signed=signed)
 
 
 def parse(entries: Sequence[int]) -> Layout:
@@ -81,9 +71,12 @@ def tx_serves(layout: Layout) -> bool:
     return _has_all(layout, TX_WANTED) and layout.register_count % 2 == 0
 
 
-def rx_serves(layout: Layout) -> bool:
-    """Tell whether an Rx mapping has what we write and nothing else: the image is written as a whole."""
-    return _has_all(layout, RX_WANTED) and len(layout.slots) == 3 and layout.register_count % 2 == 0
+def order_shown(big: int, little: int, exact: int) -> WordOrder | None:
+    """Tell which of two readings of one value is meant, by what the value is a moment later; None: it is not clear."""
+    near, far = sorted((abs(big - exact), abs(little - exact)))
+    if 8 * near >= far:
+        return None
+    return "big" if abs(big - exact) == near else "little"
 
 
 def _has_all(layout: Layout, wanted: Sequence[int]) -> bool:

@@ -15,7 +15,10 @@ REVISION = OdEntry(0x1018, 3, 4)
 SERIAL_NUMBER = OdEntry(0x1018, 4, 4)
 # NanoJ inputs: volatile, zero at power-up. The last one keeps our homed marker
 HOMED_MARKER = OdEntry(0x2400, 0x20, 4)
-RX_MAPPING = 0x3502
+# Bits that say how the motor is driven: open or closed loop, current reduction and the like; the upper half is empty
+MOTOR_MODE = OdEntry(0x3202, 0, 4)
+# Which inputs act as switches: bit 0 negative limit, 1 positive limit, 2 home
+SWITCH_INPUTS = OdEntry(0x3240, 1, 4)
 TX_MAPPING = 0x3602
 ERROR_CODE = OdEntry(0x603F, 0, 2)
 CONTROLWORD = OdEntry(0x6040, 0, 2)
@@ -39,6 +42,20 @@ POSITION_UNIT = OdEntry(0x60A8, 0, 4)
 SPEED_UNIT = OdEntry(0x60A9, 0, 4)
 FOLLOWING_ERROR = OdEntry(0x60F4, 0, 4, signed=True)
 DIGITAL_INPUTS = OdEntry(0x60FD, 0, 4)
+
+# What a drive's own settings say of the motor and of stops; read only, for a person
+SETTINGS = (
+    OdEntry(0x2030, 0, 4),
+    OdEntry(0x2031, 0, 4),
+    MOTOR_MODE,
+    SWITCH_INPUTS,
+    OdEntry(0x3701, 0, 2, signed=True),
+    OdEntry(0x605A, 0, 2, signed=True),
+    OdEntry(0x605B, 0, 2, signed=True),
+    OdEntry(0x605C, 0, 2, signed=True),
+    OdEntry(0x605D, 0, 2, signed=True),
+    OdEntry(0x605E, 0, 2, signed=True),
+)
 
 VENDOR_NANOTEC = 0x0000026C
 # 60A8h: encoder increments, 65536 per pole pair
@@ -84,6 +101,7 @@ SW_MODE_ERROR = 0b0010_0000_0000_0000
 # 60FDh digital inputs
 DI_NEGATIVE_LIMIT = 0b0001
 DI_POSITIVE_LIMIT = 0b0010
+DI_HOME = 0b0100
 DI_INTERLOCK = 0b1000
 
 

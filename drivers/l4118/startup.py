@@ -1,28 +1,23 @@
 """What is done with a drive before it may be trusted: who is it, how does it speak, what lies where.
 
-Nothing here moves an axis. A drive found running (a former owner died in a move) is brought to a halt and
-switched off first.
+Nothing here moves an axis, and nothing is written through the process image. A drive found running (a former owner
+died in a move) is brought to a halt and switched off first.
 """
-
-import asyncio
-from collections.abc import Sequence
 
 import structlog
 
 from drivers.bus import OdAddressing
 from drivers.deadline import Deadline
-from drivers.errors import DeviceRefused, LinkTimeout, MotionError, MotionTimeout, ReplyError
+from drivers.errors import DeviceRefused, LinkTimeout, MotionError, ReplyError
 from drivers.l4118 import image
 from drivers.l4118 import objects as od
-from drivers.l4118.access import DriveAccess
+from drivers.l4118.access import DriveAccess, key
 from drivers.l4118.contract import AxisFindings, AxisStatus
+from drivers.l4118.stopping import bring_to_rest
 from drivers.l4118.units import SpeedUnit, decode_speed_unit
 
-# Two different words, and a number that means no move worth the name if ever it were taken for a target
-_ORDER_PATTERN = 0x0001_0002
-_ORDER_SWAPPED = 0x0002_0001
-# 607Dh 0/0: no software limits
-_HALT_S = 3.0
+# Modbus exception 01
+NO_SUCH_FUNCTION = 1
 
 
 async def prepare(drive: DriveAccess, deadline: Deadline) -> tuple[AxisFindings, SpeedUnit]:
@@ -32,10 +27,13 @@ async def prepare(drive: DriveAccess, deadline: Deadline) -> tuple[AxisFindings,
     """
     await drive.alive(deadline)
     drive.addressing = await _find_addressing(drive, deadline)
-    await _bring_to_rest(drive, deadline)
-    drive.tx = await _ensure_mapping(drive, od.TX_MAPPING, image.TX_WANTED, deadline)
-    drive.rx = await _ensure_mapping(drive, od.RX_MAPPING, image.RX_WANTED, deadline)
-    status = await _settle_word_order(drive, deadline)
+    drive.forget()
+    await bring_to_rest(drive, drive.command)
+    await drive.command(od.Control.DISABLE_VOLTAGE, deadline)
+    motor_mode = await _sound_motor_mode(drive, deadline)
+    drive.tx = await _ensure_mapping(drive, deadline)
+    status = await _check_image(drive, deadline)
+    switch_inputs = await _ensure_switch_inputs(drive, deadline)
     unit_kept = await _ensure_position_unit(drive, deadline)
     speed_raw = await drive.read(od.SPEED_UNIT, deadline)
     speed = decode_speed_unit(speed_raw, drive.config.increments_per_rev)
@@ -53,7 +51,8 @@ async def prepare(drive: DriveAccess, deadline: Deadline) -> tuple[AxisFindings,
         position_unit=od.UNIT_INCREMENTS,
         speed_unit=speed_raw,
         tx_mapping=drive.tx.entries,
-        rx_mapping=drive.rx.entries,
+        motor_mode=motor_mode,
+        switch_inputs=switch_inputs,
         homed=marker == drive.config.homed_marker,
         status=status,
         error_code=await drive.read(od.ERROR_CODE, deadline),
@@ -75,6 +74,8 @@ async def _find_addressing(drive: DriveAccess, deadline: Deadline) -> OdAddressi
         try:
             vendor = await drive.read(od.VENDOR_ID, deadline, candidate)
         except (DeviceRefused, LinkTimeout, ReplyError) as exc:
+            if isinstance(exc, DeviceRefused) and exc.code == NO_SUCH_FUNCTION:
+                raise  # no way of asking helps against that
             found.append(f"{candidate.index_order}/node {candidate.node}: {exc.message}")
             continue
         if vendor == config.vendor_id:
@@ -84,28 +85,8 @@ async def _find_addressing(drive: DriveAccess, deadline: Deadline) -> OdAddressi
     raise ReplyError(text, device=config.name, advice="Check the slave address and the drive's model.")
 
 
-async def _bring_to_rest(drive: DriveAccess, deadline: Deadline) -> None:
-    """Halt and switch off a drive that is running; by FC 43, as the image's layout is not known yet."""
-    statusword = await drive.read(od.STATUSWORD, deadline)
-    if od.decode_state(statusword) is not od.PowerState.OPERATION_ENABLED:
-        return
-    structlog.get_logger().warning("axis.found_running", device=drive.config.name)
-    await drive.write(od.CONTROLWORD, od.Control.HALT, deadline)
-    limit = deadline.within(_HALT_S)
-    while not statusword & od.SW_TARGET_REACHED:
-        if limit.expired:
-            break  # switching off stops it too, only harder
-        await asyncio.sleep(drive.config.poll_s)
-        statusword = await drive.read(od.STATUSWORD, deadline)
-    await drive.write(od.CONTROLWORD, od.Control.SHUTDOWN, deadline)
-    while od.decode_state(statusword) is od.PowerState.OPERATION_ENABLED:
-        if deadline.expired:
-            raise MotionTimeout("found running and cannot be switched off", device=drive.config.name)
-        await asyncio.sleep(drive.config.poll_s)
-        statusword = await drive.read(od.STATUSWORD, deadline)
-
-
-async def _read_mapping(drive: DriveAccess, array: int, deadline: Deadline) -> image.Layout:
+async def _read_mapping(drive: DriveAccess, deadline: Deadline) -> image.Layout:
+    array = od.TX_MAPPING
     count = await drive.read(od.mapping_entry(array, 0), deadline)
     if count > 16:
         raise ReplyError(f"{array:04X}h claims {count} entries of 16", device=drive.config.name)
@@ -113,17 +94,17 @@ async def _read_mapping(drive: DriveAccess, array: int, deadline: Deadline) -> i
     return image.parse([await drive.read(od.mapping_entry(array, number), deadline) for number in numbers])
 
 
-async def _ensure_mapping(drive: DriveAccess, array: int, wanted: Sequence[int], deadline: Deadline) -> image.Layout:
-    """Take the drive's mapping if it serves, else write ours and read it back."""
-    serves = image.tx_serves if array == od.TX_MAPPING else image.rx_serves
-    layout = await _read_mapping(drive, array, deadline)
-    if serves(layout):
+async def _ensure_mapping(drive: DriveAccess, deadline: Deadline) -> image.Layout:
+    """Take the drive's Tx mapping if it serves, else write ours and read it back."""
+    array, wanted = od.TX_MAPPING, image.TX_WANTED
+    layout = await _read_mapping(drive, deadline)
+    if image.tx_serves(layout):
         return layout
     await drive.write(od.mapping_entry(array, 0), 0, deadline)
     for number, entry in enumerate(wanted, start=1):
         await drive.write(od.mapping_entry(array, number), entry, deadline)
     await drive.write(od.mapping_entry(array, 0), len(wanted), deadline)
-    layout = await _read_mapping(drive, array, deadline)
+    layout = await _read_mapping(drive, deadline)
     if layout.entries != tuple(wanted):
         kept = " ".join(f"{entry:08X}" for entry in layout.entries)
         text = f"mapping {array:04X}h did not take; it reads {kept}"
@@ -131,33 +112,49 @@ async def _ensure_mapping(drive: DriveAccess, array: int, wanted: Sequence[int],
     return layout
 
 
-async def _settle_word_order(drive: DriveAccess, deadline: Deadline) -> AxisStatus:
-    """Write a target with two different words into the image, power off, and read it back by FC 43.
+async def _check_image(drive: DriveAccess, deadline: Deadline) -> AxisStatus:
+    """Compare the position in the image with the one by FC 43; it shows the word order, unless both read the same.
 
-    Without a set-point edge in operation enabled this starts nothing. Then the position is compared both ways. Returns
-    the status that came with it.
+    Writes nothing. Returns a status.
     """
-    drive.word_order = "big"
-    drive.target_increments, drive.velocity_counts = _ORDER_PATTERN, 0
-    await drive.command(od.Control.DISABLE_VOLTAGE, deadline)
-    seen = await drive.read(od.TARGET_POSITION, deadline)
-    orders: dict[int, image.WordOrder] = {_ORDER_PATTERN: "big", _ORDER_SWAPPED: "little"}
-    if seen not in orders:
-        text = f"607Ah written by the image as {_ORDER_PATTERN:08X}h reads {seen & 0xFFFFFFFF:08X}h by FC 43"
-        raise ReplyError(text, device=drive.config.name, advice="Check the mapping 3502h of this drive.")
-    drive.word_order = orders[seen]
-    wanted = drive.config.word_order
-    if wanted not in ("auto", drive.word_order):
-        text = f"word order is {drive.word_order}, the configuration says {wanted}"
-        raise ReplyError(text, device=drive.config.name, advice="Set word_order to auto.")
+    registers = await drive.image(deadline)
     position = await drive.read(od.POSITION_ACTUAL, deadline)
-    drive.target_increments = position
-    status = await drive.command(od.Control.DISABLE_VOLTAGE, deadline)
-    by_image = drive.config.to_increments(status.position_units)
-    if abs(by_image - position) > abs(drive.config.window_units * drive.config.increments_per_unit):
-        text = f"position is {position} by FC 43 and {by_image} in the image"
+    readings = drive.tx.both_orders(registers, key(od.POSITION_ACTUAL), signed=True)
+    window = abs(drive.config.window_units * drive.config.increments_per_unit)
+    if min(abs(reading - position) for reading in readings) > window:
+        text = f"position is {position} by FC 43 and {readings[0]} in the image"
         raise ReplyError(text, device=drive.config.name, advice="Check the mapping 3602h of this drive.")
-    return status
+    shown = image.order_shown(*readings, position)
+    if shown is not None:
+        drive.note_word_order(shown)
+    return await drive.status(deadline)
+
+
+async def _sound_motor_mode(drive: DriveAccess, deadline: Deadline) -> int | None:
+    """Read 3202h; raise MotionError when it is no motor mode, or not the configured one.
+
+    Programs that write through a process image whose layout they only remember leave a target or a speed there.
+    """
+    mode, wanted = await drive.read_if_there(od.MOTOR_MODE, deadline), drive.config.motor_mode
+    if mode is None or (mode == wanted if wanted is not None else not mode >> 16):
+        return mode
+    expected = f"{wanted:08X}h is configured" if wanted is not None else "no motor mode has bits in its upper half"
+    text = f"motor mode 3202h reads {mode & 0xFFFFFFFF:08X}h, and {expected}; something was written over it"
+    advice = "Switch the drive's logic supply off and on; if it stays, set 3202h with the maker's tool and save it."
+    error = MotionError(text, device=drive.config.name, advice=advice)
+    error.object = od.MOTOR_MODE.place
+    raise error
+
+
+async def _ensure_switch_inputs(drive: DriveAccess, deadline: Deadline) -> int | None:
+    """Read 3240h:01, and write it where the configuration says so."""
+    found, wanted = await drive.read_if_there(od.SWITCH_INPUTS, deadline), drive.config.switch_inputs
+    if wanted is not None and found != wanted:
+        await drive.write_checked(od.SWITCH_INPUTS, wanted, deadline)
+        return wanted
+    if found is not None and drive.config.homing_switch & ~found:
+        structlog.get_logger().warning("axis.switch_not_heeded", device=drive.config.name, object_3240h_01=found)
+    return found
 
 
 async def _ensure_position_unit(drive: DriveAccess, deadline: Deadline) -> bool:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from sim_hw.drive.cia402 import TRANSITIONS, Command, PowerState, command_of
-from sim_hw.drive.error import BLOCKED, NEGATIVE_LIMIT, POSITIVE_LIMIT, UNDER_VOLTAGE, DriveError
+from sim_hw.drive.error import FOLLOWING, NEGATIVE_LIMIT, POSITIVE_LIMIT, UNDER_VOLTAGE, DriveError
 from sim_hw.drive.homing import METHODS, Homing
 from sim_hw.drive.objects import ABORT_RANGE, ObjectAbort, ObjectDictionary
 from sim_hw.drive.positioning import Positioning
@@ -22,8 +22,11 @@ PROFILE_POSITION, HOMING = 1, 6
 
 _QUICK_STOP_BIT, _FAULT_RESET = 1 << 2, 1 << 7
 
-_CUT, _SLOW, _SLOW_STAY, _STAY = 0, 1, 5, (5, 6)
-"""605Ah: brake with 6084h or 6085h; the last two stay in "quick stop active"."""
+_NO_WINDOW = 0xFFFF_FFFF
+"""6065h: no following error."""
+
+_CUT, _SLOW, _QUICK, _SLOW_STAY, _STAY = 0, 1, 2, 5, (5, 6)
+"""605Ah (and 3701h up to 2): brake with 6084h or 6085h; the last two stay in "quick stop active"."""
 
 
 class Drive:
@@ -75,6 +78,7 @@ class Drive:
         yield from self._positioning.due()
         yield from self._homing.due()
         yield from self._limit_due()
+        yield from self._lag_due()
 
     # --- power states
 
@@ -146,19 +150,20 @@ class Drive:
 
     # --- faults and limits
 
-    def _fail(self, error: DriveError) -> None:
-        """Enter the fault; a motor under power is braked first."""
+    def _fail(self, error: DriveError, reaction: int = _QUICK) -> None:
+        """Enter the fault; a motor under power is braked first, or cut, as the reaction says."""
         self.errors = [error, *self.errors][:8]
         self._stage.objects.values[0x603F, 0] = error.code
         self._stage.plant.note(self.now_s, "drive_fault", {"axis": self.motor.spec.name, "number": error.number})
         self._forget_motion()
-        if error is UNDER_VOLTAGE or self.state not in (PowerState.ENABLED, PowerState.QUICK_STOP):
+        unpowered = self.state not in (PowerState.ENABLED, PowerState.QUICK_STOP)
+        if error is UNDER_VOLTAGE or reaction == _CUT or unpowered:
             self.motor.cut(self.now_s)
             self._after_stop = None
             self._enter_fault()
             return
         self.state = PowerState.FAULT_REACTION
-        self._stage.stop(0x6085)
+        self._stage.stop(0x6084 if reaction == _SLOW else 0x6085)
         self._after_stop = self._enter_fault
 
     def _enter_fault(self) -> None:
@@ -174,14 +179,27 @@ class Drive:
             if self.state is not PowerState.FAULT or self._stage.moving():
                 self._fail(UNDER_VOLTAGE)
             return
-        if self.motor.heed_stall(self.now_s) and self._stage.plant.faults.get("stall")["detected"]:
-            self._fail(BLOCKED)
-        elif self._minds_limits():
+        self.motor.heed_stall(self.now_s)
+        if self._minds_limits():
             self._check_limit_ahead()
 
     def _minds_limits(self) -> bool:
-        """Tell whether a limit switch ahead is a fault: homing deals with them itself."""
+        """Tell whether a limit switch ahead is a fault (3701h): homing deals with them itself."""
+        if self._stage.objects.get(0x3701) < 0:
+            return False
         return self.state is PowerState.ENABLED and self._mode == PROFILE_POSITION and self._stage.moving()
+
+    def _lag_due(self) -> Iterator[Due]:
+        """Yield when a rotor that fell behind becomes a following error: beyond 6065h for 6066h."""
+        window = self._stage.objects.get(0x6065)
+        if self.state is not PowerState.ENABLED or not self._stage.watches_rotor() or window == _NO_WINDOW:
+            return
+        since_s = self.motor.behind_since(self._stage.position(0x6065))
+        if since_s is not None:
+            yield max(self.now_s, since_s + self._stage.objects.get(0x6066) / 1000.0), self._lose_rotor
+
+    def _lose_rotor(self) -> None:
+        self._fail(FOLLOWING)
 
     def _limit_due(self) -> Iterator[Due]:
         ahead = self._stage.ahead()
@@ -191,10 +209,11 @@ class Drive:
                 yield when_s, self._hit_limit
 
     def _hit_limit(self) -> None:
-        self._fail(POSITIVE_LIMIT if self._stage.ahead() == "positive" else NEGATIVE_LIMIT)
+        error = POSITIVE_LIMIT if self._stage.ahead() == "positive" else NEGATIVE_LIMIT
+        self._fail(error, self._stage.objects.get(0x3701))
 
     def _check_limit_ahead(self) -> None:
-        if self._stage.active(self._stage.ahead()):
+        if self._minds_limits() and self._stage.active(self._stage.ahead()):
             self._hit_limit()
 
     # --- modes of operation
@@ -228,6 +247,7 @@ class Drive:
         getters[0x6041, 0] = self._statusword
         getters[0x6061, 0] = lambda: self._mode
         getters[0x6062, 0] = getters[0x6064, 0] = self._position
+        getters[0x60F4, 0] = lambda: round(stage.lag() * stage.units.position)
         getters[0x606C, 0] = lambda: round(self.motor.velocity(self.now_s) * stage.units.speed)
         getters[0x6044, 0] = lambda: round(self.motor.velocity(self.now_s) * revs_per_minute)
         getters[0x60FD, 0] = stage.inputs

@@ -22,4 +22,4 @@ class DriveError:
 UNDER_VOLTAGE = DriveError(3, 0x04, 0x3220)
 NEGATIVE_LIMIT = DriveError(10, 0x20, 0x8612)
 POSITIVE_LIMIT = DriveError(11, 0x20, 0x8612)
-BLOCKED = DriveError(15, 0x80, 0x7121)
+FOLLOWING = DriveError(13, 0x20, 0x8611)

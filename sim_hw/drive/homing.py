@@ -12,6 +12,9 @@ from sim_hw.plant.motion import Ramps
 
 _START, _HALT = 1 << 4, 1 << 8
 
+FARTHEST = 2**31 - 1
+"""Position units of the longest way, the range of a 32-bit count."""
+
 
 class HomingStatus(Enum):
     """How a homing stands; the value gives statusword bits 13, 12, 10."""
@@ -129,10 +132,10 @@ class Homing:
             self._status = HomingStatus.DONE
 
     def _search(self) -> None:
-        """Set out for farther than the axis is long."""
-        stage, search, spec = self._stage, self._searches[0], self._stage.motor.spec
+        """Set out as far as the drive can count: it does not know how long its axis is."""
+        stage, search = self._stage, self._searches[0]
         self._braking = False
-        reach = 1.5 * (spec.hard_max - spec.hard_min) * (1.0 if search.upwards else -1.0)
+        reach = FARTHEST / stage.units.position * (1.0 if search.upwards else -1.0)
         speed = max(stage.speed(0x6099, 1 if search.fast else 2), 1.0 / stage.units.speed)
         ramps = Ramps(speed, stage.rate(0x609A), stage.rate(0x609A))
         stage.motor.go(stage.now_s, stage.motor.position(stage.now_s) + reach, ramps)

@@ -57,6 +57,7 @@ class L4118:
         self._memory: dict[Key, int] = {
             (0x2028, 0): spec.address,
             (0x3240, 1): knobs.special_function_enable,
+            (0x3701, 0): knobs.limit_reaction,
             (0x605A, 0): knobs.quick_stop_option,
             (0x60A8, 0): knobs.position_unit,
             (0x60A9, 0): knobs.speed_unit,

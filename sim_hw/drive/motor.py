@@ -27,6 +27,8 @@ class Motor:
         self.demand = resting(t_s, 0.0)
         self.zero = 0.0
         self._stalled = False
+        self._held: float | None = None
+        self._held_s = t_s
         self._slips = plant.faults.times("slip")
 
     def position(self, t_s: float) -> float:
@@ -75,9 +77,27 @@ class Motor:
         if not stalls or self._stalled or not self.moving(t_s):
             return False
         self._stalled = True
+        self._held, self._held_s = self.demand.position(t_s), t_s
         self._axis.follow(resting(t_s, 0.0))
         self._plant.changed()
         return True
+
+    def behind(self, t_s: float) -> float:
+        """Return how far a rotor that stalled is behind the demand: what an encoder would show."""
+        return 0.0 if self._held is None else self.demand.position(t_s) - self._held
+
+    def behind_since(self, window: float) -> float | None:
+        """Return when a stalled rotor falls behind the present demand by more than a window, or None."""
+        if self._held is None:
+            return None
+        first_s = max(self._held_s, self.demand.start_s)
+        if abs(self.behind(first_s)) > window:
+            return first_s
+        for segment in self.demand.segments:
+            if segment.t1_s > first_s and abs(self.behind(segment.t1_s)) > window:
+                side = math.copysign(window, self.behind(segment.t1_s))
+                return max(first_s, segment.time_at(self._held + side) or segment.t1_s)
+        return None
 
     def heed_slip(self, t_s: float) -> None:
         """Let the carriage slip once for each time the fault was switched on; motion goes on, and the count too."""
@@ -111,8 +131,11 @@ class Motor:
         return self._axis.next_crossing(edges[switch], after_s, upwards=upwards)
 
     def _order(self, demand: Trajectory) -> None:
+        if self._held is None:
+            self._held, self._held_s = self.demand.position(demand.start_s), demand.start_s
         self.demand = demand
         self._stalled = self._plant.faults.hits("stall", "axis", self.spec.name) and bool(demand.segments)
+        self._held = self._held if self._stalled else None
         self._turn(demand)
 
     def _turn(self, demand: Trajectory) -> None:

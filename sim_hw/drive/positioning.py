@@ -47,7 +47,8 @@ class Positioning:
         if self._due_s is not None:
             yield self._due_s, self._take
         if self._travelling:
-            yield max(self._stage.now_s, self._stage.motor.demand.end_s), self._arrived
+            window_s = self._stage.objects.get(0x6068) / 1000.0
+            yield max(self._stage.now_s, self._stage.motor.demand.end_s + window_s), self._arrived
 
     def status_bits(self) -> int:
         """Return statusword bits 10 and 12."""
@@ -101,7 +102,8 @@ class Positioning:
     def _arrived(self) -> None:
         self._travelling = False
         if self._buffer is None:
-            self._reached = True
+            # 6067h: reached is what is near enough; a rotor that fell behind is not there
+            self._reached = abs(self._stage.lag()) <= self._stage.position(0x6067)
             return
         self._target, self._buffer = self._buffer, None
         self._acknowledged = bool(self._stage.controlword & _SET_POINT)

@@ -44,6 +44,14 @@ class Stage:
         """Return an acceleration object in machine units per second squared, never zero."""
         return max(1, self.objects.get(index)) / self.units.acceleration
 
+    def watches_rotor(self) -> bool:
+        """Tell whether the drive sees its rotor, by an encoder or by what it measures of the motor."""
+        return bool(self.plant.faults.get("stall")["detected"])
+
+    def lag(self) -> float:
+        """Return the following error in machine units, 0 in open loop."""
+        return self.motor.behind(self.now_s) if self.watches_rotor() else 0.0
+
     def moving(self) -> bool:
         """Tell whether motion is demanded now."""
         return self.motor.moving(self.now_s)

@@ -84,7 +84,10 @@ class Knobs:
     position_unit: int = 0x00B50000
     speed_unit: int = 0x00B44700
     special_function_enable: int = 0x7
+    """3240h:01; a drive may well come with 0: then no input acts as a switch."""
     quick_stop_option: int = 2
+    limit_reaction: int = 2
+    """3701h, in a positioning move: below 0 none, 0 voltage off, 1 brake with 6084h, 2 brake with 6085h; then fault."""
 
     drive_boot_s: float = 0.5
     """A drive does not answer for so long after power-up."""

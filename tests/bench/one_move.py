@@ -26,11 +26,10 @@ One absolute move of the X axis (slave 1) by +1 mm, as it passes the line of the
 `python -m tests.bench.one_move`, so it can be made again after a change. `>` is the daemon, `<` the drive. The last two
 bytes of each frame are the CRC, low byte first.
 
-The process image is what the driver read from, or wrote into, 3502h and 3602h at start. From register 6000 (1770h) on,
-daemon to drive: 6040h controlword, two bytes of padding, 607Ah target, 6081h speed. From register 5000 (1388h) on,
-drive to daemon: 6041h statusword, padding, 6061h mode, 6064h position, 60FDh inputs. High byte and high word come
-first. The drive has no homing bit outside of homing mode, so the move begins with the marker kept in 2400h:20h. 1 mm is
-655 360 increments; the speed is in the drive's rpm.
+All that is written goes by FC 43, object by object. The process image is only read, by FC 3 from register 5000 (1388h)
+on, as 3602h lays it out since the start: 6041h statusword, padding, 6061h mode, 6064h position, 60FDh inputs. High byte
+and high word come first. The drive has no homing bit outside of homing mode, so the move begins with the
+marker kept in 2400h:20h. 1 mm is 655 360 increments; the speed (6081h) is written only when it changes.
 
 """
 OBJECTS = {
@@ -38,6 +37,7 @@ OBJECTS = {
     0x607A: "target", 0x6081: "speed", 0x603F: "error", 0x2400: "NanoJ input", 0x60FD: "inputs", 0x6083: "acceleration",
     0x6084: "deceleration", 0x607D: "software limit", 0x605A: "quick-stop option", 0x6085: "quick-stop ramp",
 }  # fmt: skip
+CONTROLWORD = 0x6040
 Direction = Literal["sent", "received"]
 
 
@@ -46,20 +46,12 @@ def meaning(direction: Direction, frame: bytes) -> str:
     match frame[1], direction:
         case 0x03, "sent":
             return "read the Tx image"
-        case 0x17, "sent":
-            return f"set {rx_image(frame[11:-2])}; read the Tx image"
-        case 0x03 | 0x17, _:
+        case 0x03, _:
             return tx_image(frame[3:-2])
         case 0x2B, _:
             return object_access(direction, frame)
         case function, _:
             return f"function {function}"
-
-
-def rx_image(data: bytes) -> str:
-    """Say what the Rx image holds: 6040h, two bytes of padding, 607Ah, 6081h."""
-    word, target, speed = int.from_bytes(data[:2]), int.from_bytes(data[4:8], signed=True), int.from_bytes(data[8:12])
-    return f"controlword {word:04X}h ({commands(word)}), target {target}, speed {speed}"
 
 
 def tx_image(data: bytes) -> str:
@@ -74,6 +66,9 @@ def object_access(direction: Direction, frame: bytes) -> str:
     name = OBJECTS.get(index, "object")
     data = frame[13:-2]
     value = f" = {int.from_bytes(data, 'little')}" if data else ""
+    if index == CONTROLWORD and data and direction == "sent":
+        word = int.from_bytes(data, "little")
+        value = f" = {word:04X}h ({commands(word)})"
     if direction == "sent":
         return f"{'write' if frame[3] else 'read'} {index:04X}h:{sub:02X} {name}{value}"
     return f"{index:04X}h:{sub:02X} {name}{value or ' written'}"

@@ -40,7 +40,8 @@ async def calibrate_rotation(job: JobContext, context: StationContext, request: 
     context.calibrations.require_probe()
     await context.station.require_homed(job)
     theta = context.config.axes.theta
-    angles = plan_angles(request.angles, request.every_deg, theta.minimum, theta.maximum)
+    lowest_deg = theta.minimum + context.config.gantry.approach_deg  # below it there is no room to come from below
+    angles = plan_angles(request.angles, request.every_deg, lowest_deg, theta.maximum)
     _check_reach(context, target, angles)
     job.fire(Event.ACCEPTED)
     sequence, began = MoveSequence(job, context), Began.now(job)

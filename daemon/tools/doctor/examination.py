@@ -12,8 +12,9 @@ from daemon.config.model import Config, ConfigError, load_config
 from daemon.domain.board import Board
 from daemon.station.devices import make_axes, make_camera, open_buses, open_lights
 from daemon.tools.doctor.computer import devices_of, examine_computer, in_use
-from daemon.tools.doctor.drives import examine_axis, examine_line
+from daemon.tools.doctor.drives import examine_axis, examine_line, examine_round_trip
 from daemon.tools.doctor.findings import CheckResults
+from daemon.tools.doctor.scan import scan_lines
 from daemon.tools.doctor.seeing import examine_lights, examine_rate, examine_settings
 from daemon.wire.curve_keys import KeyTrouble
 from drivers.bus import ModbusBus
@@ -24,8 +25,8 @@ from drivers.errors import DeviceError
 ASK_WITHIN_S, OPEN_WITHIN_S = 1.5, 12.0
 
 
-def examine(config_file: Path) -> CheckResults:
-    """Examine a station; whatever is wrong becomes a finding."""
+def examine(config_file: Path, *, scan: bool = False) -> CheckResults:
+    """Examine a station, or with `scan` only look who is on its lines; whatever is wrong becomes a finding."""
     findings = CheckResults()
     try:
         config = load_config(config_file)
@@ -46,6 +47,8 @@ def examine(config_file: Path) -> CheckResults:
     examine_computer(findings, config)
     if any(in_use(Path(device)) for _, device, _ in devices_of(config)):
         findings.warn("devices", "not examined: another program uses them", "stop it, then run this again")
+    elif scan:
+        asyncio.run(scan_lines(findings, config))
     else:
         asyncio.run(_examine_devices(findings, config))
     return findings
@@ -84,8 +87,12 @@ async def _examine_devices(findings: CheckResults, config: Config) -> None:
     async with AsyncExitStack() as stack:
         buses = await _open_buses(findings, config, stack)
         if buses is not None:
-            for axis in make_axes(config, buses).values():
-                await examine_axis(findings, axis)
+            axes = make_axes(config, buses)
+            for name, axis in axes.items():
+                await examine_axis(findings, axis, buses[getattr(config.axes, name).bus])
+            timed = {getattr(config.axes, name).bus: axis for name, axis in axes.items()}
+            for name, axis in timed.items():
+                await examine_round_trip(findings, axis, buses[name])
         camera = await _open_camera(findings, config, stack)
         await _examine_seeing(findings, config, camera, buses, stack)
         if buses is not None:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Awaitable, Callable, Iterable
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+
+from drivers.errors import DeviceError
 
 AXES = ("x", "y", "z", "theta")
 Gate = Callable[[str], Awaitable[None]]
@@ -39,8 +42,9 @@ class FakeHardware:
             statistics=lambda: SimpleNamespace(delivered=self.delivered),
         )  # fmt: skip
         self.moving = False
+        self.missing_answers = 0
+        self.check_line_s = 0.0
         self.z_um = 12_000.0
-        self.unstopped = False
 
     async def _ask(self, what: str) -> None:
         await self.gate(what)
@@ -79,6 +83,12 @@ class FakeHardware:
     async def _close_camera(self) -> None:
         await self._ask("close camera")
 
+    async def stop_again(self) -> None:
+        """Try to stop what may run; it works once no error is set for it."""
+        with contextlib.suppress(DeviceError):
+            await self._ask("stop again")
+            self.gantry.unstopped = ()  # type: ignore[attr-defined]
+
     async def quick_stop(self) -> None:
         await self._ask("quick_stop")
 
@@ -88,11 +98,6 @@ class FakeHardware:
 
     async def set(self, _light: Any, _deadline: Any) -> None:
         await self._ask("light")
-
-    async def halt_unstopped(self) -> None:
-        if self.unstopped:
-            await self._ask("halt")
-            self.unstopped = False
 
     async def close(self, _deadline: Any) -> None:
         await self._ask("close")
@@ -104,13 +109,16 @@ class FakeGantry:
     def __init__(self, hardware: FakeHardware) -> None:
         self._hardware = hardware
         self.moving = False
+        self.unstopped: tuple[str, ...] = ()
         self.forget_homing = hardware.forget_homing
         self.quick_stop = hardware.quick_stop
-        self.halt_unstopped = hardware.halt_unstopped
         self.position = hardware.position
 
     async def homed(self, _deadline: Any) -> bool:
         return await self._hardware.is_homed()
+
+    async def stop_again(self) -> None:
+        await self._hardware.stop_again()
 
 
 def hardware(gate: Gate = _open) -> FakeHardware:

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
@@ -25,7 +26,7 @@ from daemon.station.needle import NeedlePlace
 from daemon.storage.calibration_store import Calibrations
 from daemon.tools.demo.settings import Places, write_settings
 from daemon.wire.operations.table import OPERATIONS
-from drivers.errors import CameraError, DriveFault, EmergencyStop, LightError, LinkTimeout
+from drivers.errors import CameraError, DeadlinePassed, DriveFault, EmergencyStop, LightError, LinkTimeout
 from tests.daemon.app.fake_hardware import FakeHardware, Gate, hardware
 from tests.daemon.jobs.memory_journal import MemoryJournal
 from tests.daemon.jobs.surroundings import surroundings
@@ -59,8 +60,9 @@ class Station:
         self.opened: list[FakeHardware] = []
         self.open_error: Exception | None = None
         self.began: list[str] = []
+        self.settings = CurrentSettings(config, board)
         self.supervisor = StationSupervisor(
-            CurrentSettings(config, board), self.latch, self.lock, Calibrations(folder / "calibration", "demo"),
+            self.settings, self.latch, self.lock, Calibrations(folder / "calibration", "demo"),
             cast("Any", self.journal), self._open,
         )  # fmt: skip
         self.runner = JobRunner(
@@ -69,6 +71,13 @@ class Station:
                 context=self.supervisor.context, procedures=dict.fromkeys(JOBS, self._procedure),
             )
         )  # fmt: skip
+
+    def check_every(self, seconds: float) -> None:
+        """Have the drives checked at rest that often."""
+        config = self.settings.config
+        often = config.maintenance.model_copy(update={"idle_check_s": seconds})
+        changed = config.model_copy(update={"maintenance": often})
+        self.settings.replace(cast("Any", SimpleNamespace(config=changed, board=self.settings.board)))
 
     async def _open(self, _config: Any, _deadline: Any) -> Any:
         if self.open_error is not None:
@@ -316,10 +325,8 @@ async def test_a_reset_does_not_end_a_fault_while_the_camera_gives_nothing(stati
     assert [cause.kind for cause in station.latch.causes] == [FaultCode.CAMERA_FAILED, FaultCode.LINK_LOST]
 
 
-async def test_a_lamp_that_shines_at_rest_is_a_fault_until_a_picture_is_dark(
-    station: Station, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("daemon.app.supervisor.CHECK_EVERY_S", 0.001)
+async def test_a_lamp_that_shines_at_rest_is_a_fault_until_a_picture_is_dark(station: Station) -> None:
+    station.check_every(0.001)
     await station.supervisor.open()
     looking = asyncio.create_task(station.supervisor.run())
     await _until(lambda: station.hardware.delivered == 1)
@@ -438,10 +445,8 @@ async def test_the_first_check_feeds_the_watchdog_while_a_reset_is_before_it(sta
     assert "check_health" in station.hardware.did
 
 
-async def test_the_idle_station_is_looked_after_and_never_beside_somebody_else(
-    station: Station, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("daemon.app.supervisor.CHECK_EVERY_S", 0.001)
+async def test_the_idle_station_is_looked_after_and_never_beside_somebody_else(station: Station) -> None:
+    station.check_every(0.001)
     await station.supervisor.open()
     station.hardware.did.clear()
     looking = asyncio.create_task(station.supervisor.run())
@@ -458,19 +463,39 @@ async def test_the_idle_station_is_looked_after_and_never_beside_somebody_else(
     looking.cancel()
 
 
-async def test_a_drive_that_could_not_be_stopped_is_stopped_as_soon_as_it_answers(
-    station: Station, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("daemon.app.supervisor.CHECK_EVERY_S", 0.001)
+async def test_a_check_that_is_late_without_a_missing_answer_is_no_lost_link(station: Station) -> None:
     await station.supervisor.open()
-    station.hardware.unstopped = True
-    station.hardware.errors["halt"] = LinkTimeout("no answer", device="x")
-    station.latch.latch(Fault(FaultCode.LINK_LOST))
+    late = DeadlinePassed("deadline passed during FC 43", device="x")
+    station.hardware.errors["check_health"] = late
+    await station.supervisor.first_check(Watchdog())
+    assert station.latch.fault is None
+
+    async def gate(what: str) -> None:
+        station.hardware.missing_answers += what == "check_health"
+
+    station.watch(gate)
+    await station.supervisor.first_check(Watchdog())
+    assert station.latch.fault is not None
+    assert station.latch.fault.kind is FaultCode.LINK_LOST
+    assert "1 answers were missing" in station.latch.fault.message
+    assert "more time" not in station.latch.fault.advice
+
+
+@pytest.mark.parametrize("state", [State.IDLE, State.FAULT])
+async def test_what_may_still_run_is_stopped_as_soon_as_its_drive_answers_in_every_state(
+    station: Station, state: State
+) -> None:
+    await station.supervisor.open()
+    if state is State.FAULT:
+        station.latch.latch(Fault(FaultCode.LINK_LOST))
+    gantry = cast("Any", station.hardware.gantry)
     looking = asyncio.create_task(station.supervisor.run())
-    await _until(lambda: station.hardware.did.count("halt") > 1)
-    station.hardware.errors.clear()
-    await _until(lambda: not station.hardware.unstopped)
-    assert [cause.kind for cause in station.latch.causes] == [FaultCode.LINK_LOST], "nothing is cleared by that"
+    gantry.unstopped = ("x",)
+    station.hardware.errors["stop again"] = LinkTimeout("no answer", device="x")
+    await _until(lambda: station.hardware.did.count("stop again") > 1)
+    del station.hardware.errors["stop again"]
+    await _until(lambda: not gantry.unstopped)
+    assert station.latch.state is state
     looking.cancel()
 
 

@@ -50,6 +50,16 @@ def test_check_config_names_every_problem(station: Path) -> None:
     assert {p["path"] for p in json.loads(output)["problems"]} == {"axes.x.address", "bus.main.parity"}
 
 
+def test_check_config_names_the_points_that_no_approach_leaves_room_for(station: Path) -> None:
+    text = station.read_text()
+    station.write_text(text.replace("minimum = 0.0", "minimum = 120000.0", 1))
+    code, output = _run("check-config", str(station), "--json")
+    assert code == 2
+    problems = [p["problem"] for p in json.loads(output)["problems"]]
+    assert problems
+    assert all("out of reach at every head angle: x" in problem and "approach_um" in problem for problem in problems)
+
+
 def test_check_config_misses_the_board_file(station: Path) -> None:
     (station.parent / "board.json").unlink()
     code, output = _run("check-config", str(station))

@@ -55,6 +55,8 @@ def test_all_faults_are_told_at_once_with_their_paths(tmp_path: Path) -> None:
         (("minimum = 0.0", "minimum = 300000.0"), "axes.x", "not below"),
         (("minimum = 0.0", "minimum = nan"), "axes.x.minimum", "finite"),
         (('bus = "main"', 'bus = "other"'), "(cross-check)", "axes.x.bus"),
+        (("address = 1", "address = 2"), "(cross-check)", "axes.x and axes.y have the same address 2"),
+        (("address = 4", "address = 5"), "(cross-check)", "axes.theta and lights have the same address 5"),
         (("work_z_um = 5200.0", "work_z_um = 4200.0"), "gantry", "touch_z_um <= work_z_um"),
         (("safe_z_um = 12000.0", "safe_z_um = 42000.0"), "(cross-check)", "axes.z"),
         (("red = 1", "red = 0"), "lights", "same switch"),

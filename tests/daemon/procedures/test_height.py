@@ -19,6 +19,8 @@ from tests.daemon.procedures.fake_station import BELOW_PX, HOVER_UM, WORK_Z_UM, 
 from vision import NotFound, Reason
 from vision.geometry import fit_plane
 
+SAFE_Z_UM = 12_000.0
+
 GRID = [(f"P{i}{k}", 5_000.0 + 7_000.0 * i, 4_000.0 + 6_500.0 * k) for i in range(4) for k in range(3)]
 PLACE = {"op": "place", "test_point": "P11"}
 CORRECT = {"op": "correct", "test_point": "P11"}
@@ -108,6 +110,12 @@ async def test_a_look_says_what_is_known_of_the_height(world: World) -> None:
     assert (await _run(world, LOOK)).got.detail["height"] == "measured"
 
 
+def _lift(world: World) -> None:
+    """Begin from the safe height: over a raised surface the needle would be down at nominal working height."""
+    at = replace(world.gantry.actual, z_um=SAFE_Z_UM)
+    world.gantry.reported = world.gantry.actual = at
+
+
 # --- a measured surface -------------------------------------------------------------------------------------------
 
 
@@ -117,6 +125,7 @@ async def test_place_and_correct_follow_the_measured_surface(world: World, heigh
     world.put_beside("P00", (0.0, 0.0))
     world.gantry.reported = world.gantry.actual = replace(world.gantry.actual, z_um=5_600.0)
     _measured(world, height_um)
+    _lift(world)
     placed = await _run(world, PLACE)
     assert world.gantry.actual.z_um == pytest.approx(WORK_Z_UM + height_um)
     assert (placed.got.detail["height"], placed.got.detail["height_um"]) == ("measured", height_um)
@@ -234,6 +243,7 @@ async def test_a_map_over_a_measured_surface_is_walked_at_the_same_distance_from
     world.height_um = _raised(300.0)
     world.gantry.reported = world.gantry.actual = replace(world.gantry.actual, z_um=5_600.0)
     _measured(world, 300.0)
+    _lift(world)
     await _run(world, {"op": "calibrate", "what": "map", "test_point": "P11"})
     assert world.gantry.moves[0][0].z_um == WORK_Z_UM + 300.0
     assert world.context.require_map().below_tip_px == pytest.approx(BELOW_PX, abs=0.02)

@@ -19,6 +19,7 @@ from daemon.domain.roles import ROLES, Caller
 from daemon.jobs.fault_latch import FaultLatch
 from daemon.maintenance.alerts import Alert
 from daemon.server.handlers import Collaborators, Handlers
+from daemon.station.needle import Needle
 from daemon.storage.journal import Journal
 from daemon.telemetry.vitals import Vitals
 from daemon.wire.docs import examples as wire_examples
@@ -28,15 +29,21 @@ from daemon.wire.operations.row import DefaultDeadline, Operation
 from daemon.wire.operations.table import OPERATIONS, OperationTable
 from daemon.wire.replies import Reply
 from daemon.wire.requests import ImmediateRequest, JobRequest
+from drivers.gantry import Position
 
 EXAMPLE = Path(__file__).parents[3] / "systemd" / "station.example.toml"
 CALLER = Caller("tester-1", "operate")
 JOBS = [row for row in OPERATIONS.rows if row.is_job]
 DONE = JobResult.model_validate(RESULT)
 VITALS = Vitals(
-    fault=None, waiting=0, threads=1, journal_bytes=0, calibration_age_s={},
-    buses={"main": {"connected": 1, "reconnects": 2}}, camera={"frames": 7},
-)  # fmt: skip
+    fault=None,
+    waiting=0,
+    threads=1,
+    journal_bytes=0,
+    calibration_age_s={},
+    buses={"main": {"connected": 1, "reconnects": 2}},
+    camera={"frames": 7},
+)  # fmt: skipfrom drivers.gantry import Position
 
 
 class Wipe(JobRequest):
@@ -97,6 +104,8 @@ class Daemon:
         self.latch = FaultLatch()
         self.latch.opened()
         self.jobs = Jobs()
+        self.needle = Needle()
+        self.needle.adopt(lambda _at: 5_200.0, lambda _at: 5_000.0)
         self.board = Board(
             name="demo", side="top", width_um=50_000.0, height_um=40_000.0, hidden={"TP9": "on the other side"},
             points=(
@@ -143,6 +152,7 @@ async def handlers(station: Daemon, journal: Journal) -> Handlers:
     parts: Any = {
         "runner": station.jobs, "reset": station.reset, "calibrations": SimpleNamespace(in_force=station.calibrations),
         "images": station.pictures, "metrics": station.metrics, "monitor": station.monitor, "vitals": station.vitals,
+        "needle": station.needle,
     }  # fmt: skip
     return Handlers(
         Collaborators(
@@ -302,6 +312,14 @@ async def test_status_of_an_idle_station_says_what_it_lacks(handlers: Handlers, 
         "tip": False, "map_made_at": None, "made_at": {"map": "2025-03-04"}, "aligned": False,
         "not_used": {"surface": "it was made with another probe"},
     }  # fmt: skip
+
+
+async def test_status_always_says_where_the_needle_is(handlers: Handlers, station: Daemon) -> None:
+    assert (await _ask(handlers, "status")).needle.model_dump() == {"place": "unknown", "z_um": None}
+    for z_um, place in ((12_000.0, "up"), (4_900.0, "down")):
+        station.needle.reported(Position(0.0, 0.0, z_um, 0.0))
+        for op in ("status", "snapshot"):
+            assert (await _ask(handlers, op)).needle.model_dump() == {"place": place, "z_um": z_um}
 
 
 async def test_status_of_a_busy_station_names_its_job_and_how_far_it_is(handlers: Handlers, station: Daemon) -> None:

@@ -14,7 +14,7 @@ from daemon.station import devices as hardware
 from drivers.bus import OdAddressing, SerialLine, TcpLine
 from drivers.deadline import Deadline
 from drivers.errors import DriveFault, EmergencyStop, LimitHit, MotionError
-from drivers.l4118 import AxisHealth
+from drivers.l4118 import HEALTH_REQUESTS, AxisHealth
 from drivers.l4118.diagnosis import Evidence
 
 EXAMPLE = Path(__file__).parents[3] / "systemd" / "station.example.toml"
@@ -42,6 +42,40 @@ def test_open_points_of_a_drive_can_be_fixed(tmp_path: Path) -> None:
     axis = hardware.axis_config("x", _config(tmp_path, ("address = 1", settled)).axes.x)
     assert (axis.word_order, axis.addressing) == ("little", OdAddressing("little", 0, 1))
     assert hardware.axis_config("y", _config(tmp_path).axes.y).addressing is None
+
+
+def test_what_differs_from_drive_to_drive_is_configured(tmp_path: Path) -> None:
+    lines = "vendor_id = 0x2A7\nmotor_mode = 8\nswitch_inputs = 7\nstate_timeout_ms = 900\nstall_ms = 700\naddress = 1"
+    axis = hardware.axis_config("x", _config(tmp_path, ("address = 1", lines)).axes.x)
+    assert (axis.vendor_id, axis.motor_mode, axis.switch_inputs) == (0x2A7, 8, 7)
+    assert (axis.state_timeout_s, axis.stall_s) == (0.9, 0.7)
+    usual = hardware.axis_config("x", _config(tmp_path).axes.x)
+    assert (usual.vendor_id, usual.motor_mode, usual.switch_inputs) == (0x26C, None, None)
+    assert (usual.state_timeout_s, usual.stall_s) == (0.5, 2.0)
+
+
+def test_an_adapter_that_hears_itself_and_the_times_of_a_camera_are_configured(tmp_path: Path) -> None:
+    config = _config(
+        tmp_path, ('parity = "E"', 'parity = "E"\nlocal_echo = true'),
+        ("exposure_us = 20000", "exposure_us = 20000\nfrozen_ms = 2500\nopen_ms = 30000"),
+    )  # fmt: skip
+    assert hardware.bus_line(config.bus["main"]) == SerialLine("/dev/reprobe-bus", 115200, "E", 1, local_echo=True)
+    assert (config.camera.frozen_ms, config.camera.open_ms) == (2500, 30_000)
+    assert hardware.camera_config(config.camera).frame_timeout_s == 2.5
+    assert hardware.camera_config(config.camera).open_timeout_s == 30.0
+
+
+class Bus:
+    """A line on which every request takes as long as is said."""
+
+    def __init__(self, request_s: float) -> None:
+        self.request_s = request_s
+
+
+def test_the_time_of_a_check_follows_the_number_of_requests_and_the_speed_of_each_line(tmp_path: Path) -> None:
+    config = _config(tmp_path)
+    slow = hardware.check_line_s(config, cast("Any", {"main": Bus(0.08)}))
+    assert slow == pytest.approx(4 * HEALTH_REQUESTS * 0.08)
 
 
 def test_theta_arrives_within_hundredths_of_a_degree(tmp_path: Path) -> None:

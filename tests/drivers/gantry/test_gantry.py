@@ -299,14 +299,15 @@ async def test_an_axis_that_could_not_be_stopped_is_stopped_once_it_answers(home
     homed.drives["x"].silent = True
     with pytest.raises(LinkError):
         await task
-    with pytest.raises(LinkError):
-        await homed.gantry.halt_unstopped()
+    await homed.gantry.stop_again()
+    assert homed.gantry.unstopped == ("x",)
     homed.drives["x"].silent = False
     assert homed.drives["x"].state == 0x27, "nobody could stop it"
-    await homed.gantry.halt_unstopped()
+    await homed.gantry.stop_again()
     assert homed.drives["x"].state == 0x21
-    homed.drives["x"].silent = True
-    await homed.gantry.halt_unstopped()
+    asked = len(homed.line.requests)
+    await homed.gantry.stop_again()
+    assert len(homed.line.requests) == asked
 
 
 async def test_a_second_move_is_refused_and_the_first_goes_on(homed: Machine, soon: Deadline) -> None:
@@ -410,3 +411,95 @@ async def test_nothing_is_sent_below_the_floor(make_line: MakeLine, open_bus: Op
             await machine.gantry.move_to(dataclasses.replace(PLACE, z_um=z_um), soon)
     assert all(drive.log == [] for drive in machine.drives.values())
     await machine.gantry.move_to(dataclasses.replace(PLACE, z_um=4200.0), soon)
+
+
+async def test_what_a_silent_line_left_running_is_stopped_when_the_line_is_back(homed: Machine, soon: Deadline) -> None:
+    """It should know the axes whose stop was not confirmed, stop them on the next try, and then know of none."""
+    homed.slow(100)
+    task = asyncio.create_task(homed.gantry.move_to(PLACE, soon))
+    await homed.under_way(task)
+    for drive in homed.drives.values():
+        drive.silent = True
+    with pytest.raises(LinkError):
+        await task
+    assert "x" in homed.gantry.unstopped
+    for drive in homed.drives.values():
+        drive.silent = False
+    assert homed.drives["x"].state == 0x27
+    await homed.gantry.stop_again()
+    assert all(drive.state != 0x27 for drive in homed.drives.values())
+    assert homed.gantry.unstopped == ()
+
+
+async def test_a_new_move_begins_with_the_stop_that_is_missing(homed: Machine, soon: Deadline) -> None:
+    """It should refuse to move while that cannot be had."""
+    homed.slow(100)
+    task = asyncio.create_task(homed.gantry.move_to(PLACE, soon))
+    await homed.under_way(task)
+    homed.drives["x"].silent = True
+    with pytest.raises(LinkError):
+        await task
+    for drive in homed.drives.values():
+        drive.log.clear()
+    with pytest.raises(LinkError, match="may still run, and could not be stopped: x"):
+        await homed.gantry.move_to(PLACE, soon)
+    assert all(drive.log == [] for drive in homed.drives.values())
+    homed.drives["x"].silent = False
+    homed.slow(20_000_000)
+    await homed.gantry.move_to(PLACE, soon)
+    assert homed.drives["x"].log[0] == "27->21"
+
+
+async def test_a_silent_drive_does_not_keep_the_start_from_stopping_another(
+    make_line: MakeLine, open_bus: OpenBus, homed: Machine, soon: Deadline
+) -> None:
+    """It should halt what a former owner left running, though a drive before it does not answer."""
+    homed.slow(100)
+    task = asyncio.create_task(homed.gantry.move_to(PLACE, soon))
+    await homed.under_way(task)
+    line = make_line(several(*homed.drives.values()))
+    bus = await open_bus(line, timeout_s=0.05, attempts=1)
+    again = Gantry({name: Axis(bus, config) for name, config in AXES.items()}, GantryConfig())
+    homed.drives["x"].silent = True
+    homed.drives["theta"].state = 0x27
+    with pytest.raises(LinkError):
+        await again.start(soon)
+    assert homed.drives["theta"].state == 0x40
+    homed.drives["x"].silent = False
+    with pytest.raises(DeviceError):
+        await task
+
+
+@pytest.mark.parametrize(
+    ("name", "read_back", "end"),
+    [("theta_deg", -220.0001, -220.0), ("theta_deg", 100.0001, 100.0), ("x_um", -0.0008, 0.0)],
+)
+async def test_what_an_end_of_the_range_reads_back_is_in_the_range(
+    homed: Machine, soon: Deadline, name: str, read_back: float, end: float
+) -> None:
+    """It should take a place that a drive said it is at, a rounded increment outside, for the end itself."""
+    target = dataclasses.replace(PLACE, **{name: read_back})
+    assert getattr(homed.gantry.check(target), name) == pytest.approx(end, abs=1e-9)
+    if end > 0:
+        reached = await homed.gantry.move_to(target, soon)
+        assert getattr(await homed.gantry.move_to(reached, soon), name) == pytest.approx(end, abs=0.002)
+
+
+@pytest.mark.parametrize(("name", "at", "end"), [("x", 20.0, 0), ("y", 0.0, 0), ("theta", 140.3, -220)])
+async def test_a_target_without_room_to_come_from_below_is_refused_by_name(
+    homed: Machine, soon: Deadline, name: str, at: float, end: float
+) -> None:
+    """It should not come to it from the wrong flank; an axis that is there already is left alone."""
+    await homed.gantry.move_to(PLACE, soon)
+    for drive in homed.drives.values():
+        drive.log.clear()
+    field = f"{name}_{'deg' if name == 'theta' else 'um'}"
+    with pytest.raises(EnvelopeViolation, match=f"{name} .* is too near to the end {end}"):
+        await homed.gantry.move_to(dataclasses.replace(PLACE, **{field: at}), soon)
+    assert not any(entry.startswith("move") for drive in homed.drives.values() for entry in drive.log)
+
+
+async def test_an_axis_that_stands_at_its_end_stays_there_while_the_others_move(homed: Machine, soon: Deadline) -> None:
+    """It should allow what asks for no move of that axis, such as raising the needle after homing."""
+    await homed.gantry.move_to(Position(0.0, 0.0, 12000.0, 0.0), soon)
+    assert homed.at("x") == 0.0

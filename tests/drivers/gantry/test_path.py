@@ -31,7 +31,19 @@ def places() -> st.SearchStrategy[Position]:
     )
 
 
-@given(places(), places(), st.sampled_from([0.0, 30.0]))
+def targets() -> st.SearchStrategy[Position]:
+    """Draw places with the room that every approach needs, from either side in X."""
+    play_um, play_deg = CONFIG.backlash_um, CONFIG.backlash_theta_deg
+    return st.builds(
+        Position,
+        st.floats(ENDS.x_um[0] + play_um, ENDS.x_um[1] - play_um),
+        st.floats(ENDS.y_um[0] + play_um, ENDS.y_um[1]),
+        st.floats(*ENDS.z_um),
+        st.floats(ENDS.theta_deg[0] + play_deg, ENDS.theta_deg[1]),
+    )
+
+
+@given(places(), targets(), st.sampled_from([0.0, 30.0]))
 def test_every_path_is_safe(now: Position, target: Position, backlash_z_um: float) -> None:
     """It should move sideways only at the safe height, end on the target, and come to it from below."""
     config = GantryConfig(backlash_z_um=backlash_z_um)
@@ -45,13 +57,32 @@ def test_every_path_is_safe(now: Position, target: Position, backlash_z_um: floa
             if name != "z":
                 assert at["z"] >= config.safe_z_um
             if name != "z" and to == getattr(target, f"{name}_{'deg' if name == 'theta' else 'um'}"):
-                # final approach: from below, or from the very end of the range
-                assert at[name] <= to - backlash[name] or to - backlash[name] < low or at[name] == to
+                assert at[name] <= to - backlash[name] or at[name] == to, "the final approach is from below"
             at[name] = to
     assert at["z"] == target.z_um
     assert abs(at["x"] - target.x_um) <= config.same_place_um
     assert abs(at["y"] - target.y_um) <= config.same_place_um
     assert abs(at["theta"] - target.theta_deg) <= config.same_place_deg
+
+
+@pytest.mark.parametrize(
+    ("change", "from_above", "says"),
+    [
+        ({"x_um": 49.0}, frozenset(), "x 49.0000 is too near to the end 0: to come from below, 50 are needed"),
+        ({"y_um": 0.0}, frozenset(), "y 0.0000 is too near to the end 0"),
+        ({"theta_deg": -219.5}, frozenset(), "theta -219.5000 is too near to the end -220"),
+        ({"x_um": 199_960.0}, frozenset({"x"}), "to come from above, 50 are needed"),
+    ],
+)
+def test_a_target_without_room_for_its_approach_is_refused(
+    change: dict[str, float], from_above: frozenset[str], says: str
+) -> None:
+    """It should say which axis, and how much room it needs; with just that much it goes."""
+    now = Position(5000.0, 5000.0, 20000.0, 0.0)
+    with pytest.raises(EnvelopeViolation, match=says):
+        plan(now, replace(now, **change), CONFIG, ENDS, from_above)
+    legs = plan(now, replace(now, x_um=50.0), CONFIG, ENDS)
+    assert [leg.to for leg in legs][:2] == [{"x": 0.0}, {"x": 50.0}]
 
 
 def test_a_pure_z_move_needs_no_retract() -> None:
@@ -129,6 +160,12 @@ def test_head_angles_become_axis_coordinates(head: float, axis: float) -> None:
     assert axis_theta_deg(head) == pytest.approx(axis)
 
 
+@pytest.mark.parametrize(("read_back", "end"), [(-220.0001, -220.0), (100.0001, 100.0), (-220.0009, -220.0)])
+def test_a_rounded_increment_outside_of_an_end_is_the_end(read_back: float, end: float) -> None:
+    """It should take what a drive at the end reads back."""
+    assert axis_theta_deg(read_back) == pytest.approx(end, abs=1e-9)
+
+
 @pytest.mark.parametrize("head", [100.1, 101.0, 120.0, 139.0, 139.9, -240.0, 480.0])
 def test_the_forbidden_band_is_refused(head: float) -> None:
     """It should not turn the head into it, whatever the turn it is written in."""
@@ -142,7 +179,7 @@ def test_an_answer_is_a_target(axis_deg: float) -> None:
     assert axis_theta_deg(axis_deg) == pytest.approx(axis_deg, abs=1e-6)
 
 
-@given(places(), places())
+@given(places(), targets())
 def test_an_axis_asked_to_come_from_above_does_and_the_others_do_not(now: Position, target: Position) -> None:
     """Whoever measures the play needs both sides; every other rule of a path holds for both."""
     at = {"x": now.x_um, "y": now.y_um, "z": now.z_um}
@@ -152,10 +189,10 @@ def test_an_axis_asked_to_come_from_above_does_and_the_others_do_not(now: Positi
                 assert at["z"] >= CONFIG.safe_z_um
             if name == "x" and to == target.x_um:
                 before = target.x_um + CONFIG.backlash_um
-                assert at["x"] >= before or before > ENDS.x_um[1] or at["x"] == to
+                assert at["x"] >= before or at["x"] == to
             if name == "y" and to == target.y_um:
                 before = target.y_um - CONFIG.backlash_um
-                assert at["y"] <= before or before < ENDS.y_um[0] or at["y"] == to
+                assert at["y"] <= before or at["y"] == to
             if name in at:
                 at[name] = to
     assert at["z"] == target.z_um
@@ -184,7 +221,7 @@ def test_who_knows_the_surface_says_from_where_on() -> None:
     assert plan(now, target, SLOW, ENDS, frozenset(), 5300.0) == [Leg({"z": 5300.0}), Leg({"z": 5200.0}, 2000.0)]
 
 
-@given(places(), places())
+@given(places(), targets())
 def test_no_way_down_is_fast_where_a_surface_may_be(now: Position, target: Position) -> None:
     """It should never lower Z below that height at full speed, wherever it comes from."""
     z_um = now.z_um

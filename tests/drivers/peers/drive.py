@@ -48,6 +48,9 @@ class DriveModel:
         self.cause_remains = False
         self.inputs = 0
         self.jam_at: int | None = None
+        self.heeds_halt = self.heeds_shutdown = True
+        self.switch_inputs = 7
+        self.homing_step = 0
         self.log: list[str] = []
         self.power_cycle()
 
@@ -60,6 +63,7 @@ class DriveModel:
         self.goal = 0
         self.acknowledge = self.target_reached = self.following_error = False
         self.homing_left = 0
+        self.referenced = False
         self.errors: list[int] = []
         v = self.variant
         self.od: dict[tuple[int, int], list[int]] = {
@@ -84,6 +88,7 @@ class DriveModel:
             (0x6044, 0): [2, 0],
             (0x6042, 0): [2, 0],
             (0x3202, 0): [4, 0x9],
+            (0x3240, 1): [4, self.switch_inputs],
             (0x60FE, 1): [4, 0],
         }
         self.od |= {(0x2400, sub): [4, 0] for sub in range(1, 33)}
@@ -128,7 +133,7 @@ class DriveModel:
         elif not word & 0x04:
             self.state = 0x07 if self.state in (0x27, 0x07) else 0x40
         elif word & 0x0F == 0x06 and self.state in (0x40, 0x21, 0x23, 0x27):
-            self.state = 0x21
+            self.state = 0x21 if self.heeds_shutdown or self.state != 0x27 else 0x27
         elif word & 0x0F == 0x07 and self.state in (0x21, 0x23, 0x27):
             self.state = 0x23
         elif word & 0x0F == 0x0F and self.state in (0x23, 0x27, 0x07):
@@ -149,7 +154,7 @@ class DriveModel:
         """Let one bit of time pass."""
         if self.state != 0x27:
             return
-        if self.control & 0x100:
+        if self.control & 0x100 and self.heeds_halt:
             self.target_reached, self.goal = True, self.position
         elif self.homing_left and self.mode == 6:
             self._home_on()
@@ -162,13 +167,14 @@ class DriveModel:
 
     def _home_on(self) -> None:
         self.homing_left -= 1
+        self.position += self.homing_step
         if self.homing_left:
             return
         if self.homing_fails:
             self.following_error = True
         else:
             self.position = self.goal = 0
-            self.acknowledge = self.target_reached = True
+            self.acknowledge = self.target_reached = self.referenced = True
 
     # ------------------------------------------------------------ object dictionary and image
     def get(self, index: int, sub: int) -> tuple[int, int]:

@@ -8,6 +8,8 @@ from pathlib import Path
 
 # Bytes to send, or seconds to wait before the next ones
 Step = bytes | float
+# Silence that begins a new frame; more than between two reads of one
+SILENCE_S = 0.02
 Answer = Callable[[bytes], Sequence[Step]]
 
 
@@ -34,6 +36,7 @@ class PtyLine:
         self.requests: list[bytes] = []
         self._loop = asyncio.get_running_loop()
         self._buffer = b""
+        self._last_byte_s = 0.0
         self._master = self._slave = -1
         self._timers: list[asyncio.TimerHandle] = []
         self.request_seen = asyncio.Event()
@@ -83,6 +86,10 @@ class PtyLine:
             os.write(self._master, data)
 
     def _read(self) -> None:
+        now_s = self._loop.time()
+        if now_s - self._last_byte_s > SILENCE_S:
+            self._buffer = b""
+        self._last_byte_s = now_s
         try:
             self._buffer += os.read(self._master, 4096)
         except OSError:

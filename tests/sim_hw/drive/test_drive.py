@@ -167,11 +167,53 @@ def test_a_stall_is_invisible_to_an_open_loop_drive() -> None:
     assert rig.true_place() == pytest.approx(place, abs=1.0)
 
 
-def test_a_detected_stall_is_error_15() -> None:
+def test_a_stall_that_the_drive_sees_is_a_following_error_after_its_time() -> None:
     rig = moving_rig()
+    rig.write(0x6066, 200, kind="H")
     rig.faults.switch("stall", on=True, axis="all", detected=True)
     rig.status()
-    assert rig.read(0x1003, 1, "I") >> 24 == 15
+    rig.t_s += 0.15
+    assert state(rig.status()) == 0x27, "6066h is not over"
+    assert rig.read(0x60F4) > rig.read(0x6065, kind="I")
+    rig.t_s += 0.1
+    assert state(rig.status()) != 0x27
+    assert rig.read(0x1003, 1, "I") >> 24 == 13
+
+
+def test_the_following_error_can_be_switched_off_and_then_the_target_is_not_reached() -> None:
+    rig = moving_rig()
+    rig.write(0x6065, 0xFFFFFFFF)
+    rig.faults.switch("stall", on=True, axis="all", detected=True)
+    rig.status()
+    rig.t_s += 60.0
+    status = rig.status()
+    assert state(status) == 0x27
+    assert not status & TARGET, "6067h: it is not near its target"
+
+
+def test_the_target_is_reached_after_the_time_of_its_window() -> None:
+    rig = Rig()
+    rig.ramps()
+    rig.write(0x6068, 300, kind="H")
+    rig.enable(1)
+    rig.order(11_000.0)
+    while rig.plant.state_at(rig.t_s).moving:
+        rig.t_s += 0.01
+    assert not rig.status() & TARGET
+    rig.t_s += 0.31
+    assert rig.status() & TARGET
+
+
+@pytest.mark.parametrize(("reaction", "stops"), [(-1, False), (0, True), (1, True), (2, True)])
+def test_3701h_says_what_a_limit_switch_does(reaction: int, stops: bool) -> None:
+    rig = Rig(x_start_um=195_000.0, limit_reaction=reaction)
+    rig.ramps(rpm=300)
+    rig.enable(1)
+    rig.order(50_000.0)
+    rig.t_s += 20.0
+    status = rig.status()
+    assert (status & 0x4F == 0x08) == stops
+    assert (rig.true_place() < 204_900.0) == stops, "without a reaction only the hard stop ends it"
 
 
 def test_a_power_cycle_forgets_homing_marker_and_mapping_and_takes_its_time() -> None:

@@ -63,10 +63,18 @@ def test_homing_against_the_wrong_end_is_an_error() -> None:
     assert rig.read(0x6041, kind="H") & 0x6F == 0x27
 
 
-def test_homing_a_stalled_axis_is_an_error() -> None:
-    rig = Rig()
-    rig.faults.switch("stall", on=True, axis="x")
-    assert rig.home(21) & FAILED
+@pytest.mark.parametrize("why", ["stalled", "switches off"])
+def test_homing_without_a_switch_goes_on_until_it_is_told_to_stop(why: str) -> None:
+    """A drive does not know how long its axis is: neither an unseen stall nor a switch that is off ends the run."""
+    rig = Rig(special_function_enable=0 if why == "switches off" else 7)
+    rig.faults.switch("stall", on=why == "stalled", axis="x")
+    with pytest.raises(AssertionError, match="statusword"):
+        rig.home(21)
+    went_um = abs(rig.read(0x6064)) / rig.spec.increments_per_unit
+    assert went_um > rig.spec.hard_max - rig.spec.hard_min
+    assert rig.read(0x606C) != 0, "the field turns"
+    rig.control(0x0F, after_s=1.0)
+    assert rig.status() & 0x0400
 
 
 def test_dropping_bit_4_interrupts() -> None:

@@ -23,6 +23,9 @@ from drivers.errors import EnvelopeViolation
 from tests.daemon.procedures.fake_station import Ran, World, a_board, begin, pose_map, run
 from vision.head.model import CircleHead, FourierHead, Head
 
+LOWEST_DEG = -219.5
+"""The end of the axis' range and the room to come to a target from below."""
+
 REQUEST = {"op": "calibrate", "what": "rotation", "angles": 12, "model": "fourier"}
 TRUE_HEAD = FourierHead((20.0 + 5.0j, 3.0 - 8.0j, 14_900.0 - 700.0j, 12.0 + 9.0j))
 
@@ -84,7 +87,7 @@ async def test_the_head_in_force_is_the_true_one_at_angles_it_was_not_fitted_on(
 async def test_every_stop_is_where_the_head_stands_with_the_tip_on_the_cross(world: World) -> None:
     await _measure(world)
     record = _record(world)
-    planned = plan_angles(12, None, -220.0, 100.0)
+    planned = plan_angles(12, None, LOWEST_DEG, 100.0)
     assert [s.theta_deg for s in record.stops] == planned
     for stop in record.stops:
         tip = np.array((stop.x_um, stop.y_um)) + world.true_head.tip_offset_um(stop.theta_deg)
@@ -114,7 +117,7 @@ async def test_before_and_after_are_landings_by_the_old_head_and_the_new(world: 
     middle = np.mean(tips, axis=0)
     for one, tip in zip(record.before, tips, strict=True):
         assert (one.dx_um, one.dy_um) == pytest.approx(tuple(middle - tip), abs=1.0)
-    assert [one.theta_deg for one in record.after] == between(plan_angles(24, None, -220.0, 100.0), 8)
+    assert [one.theta_deg for one in record.after] == between(plan_angles(24, None, LOWEST_DEG, 100.0), 8)
     assert max(math.hypot(one.dx_um, one.dy_um) for one in record.after) < 20.0
     assert record.total_error_um > 100.0
 
@@ -128,7 +131,7 @@ async def test_the_model_asked_for_is_the_one_that_is_fitted(world: World) -> No
 
 
 async def test_an_outlier_is_named_and_does_not_count(world: World) -> None:
-    angle = plan_angles(24, None, -220.0, 100.0)[5]
+    angle = plan_angles(24, None, LOWEST_DEG, 100.0)[5]
     near = angle - 360.0 if angle > 100.0 else angle
 
     def off() -> tuple[float, float]:
@@ -150,7 +153,7 @@ async def test_without_a_map_one_is_acquired_on_the_cross_first(tmp_path: Path) 
     await _measure(world)
     assert world.calibrations.records["map"].what == "map"
     assert len(_record(world).stops) == 12
-    assert world.gantry.moves[0][0].theta_deg == plan_angles(12, None, -220.0, 100.0)[0]
+    assert world.gantry.moves[0][0].theta_deg == plan_angles(12, None, LOWEST_DEG, 100.0)[0]
 
 
 async def test_with_a_map_none_is_acquired(world: World) -> None:
@@ -182,7 +185,8 @@ async def test_there_must_be_room_round_every_stop(
 ) -> None:
     free = _world(tmp_path / "free", head=World(tmp_path / "n", a_board(), {}).true_head)
     at = [
-        getattr(free.geometry.position_at(free.cross_um, a), f"{axis}_um") for a in plan_angles(12, None, -220.0, 100.0)
+        getattr(free.geometry.position_at(free.cross_um, a), f"{axis}_um")
+        for a in plan_angles(12, None, LOWEST_DEG, 100.0)
     ]
     limit = max(at) + room_um if end == "maximum" else min(at) - room_um
     section = getattr(free.config.axes, axis).model_copy(update={end: limit})
@@ -200,7 +204,7 @@ async def test_the_configured_range_of_the_axis_bounds_the_plan(tmp_path: Path) 
     theta = free.config.axes.theta.model_copy(update={"minimum": -200.0, "maximum": 60.0})
     world = _world(tmp_path / "tight", axes={"theta": theta})
     await _measure(world)
-    assert [s.theta_deg for s in _record(world).stops] == plan_angles(12, None, -200.0, 60.0)
+    assert [s.theta_deg for s in _record(world).stops] == plan_angles(12, None, -199.5, 60.0)
 
 
 # --- refusals of what was measured --------------------------------------------------------------------------------
