@@ -16,6 +16,8 @@ from tests.station.rig import Rig, running_rig
 SPEED = 5.0
 LEVEL = ("board_dz_um=0", "board_tilt_x_um_per_mm=0", "board_tilt_y_um_per_mm=0")
 LONG = {"timeout_s": 300.0, "deadline_ms": 300e3}
+REPLY_MS = 1000.0
+"""The looks at the truth keep the simulated station busy."""
 FASTEST_UM_S = 2500.0
 PATIENCE_S = 240.0
 Truth = dict[str, Any]
@@ -27,7 +29,7 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
     turned = [word for knob in LEVEL for word in ("--set", knob)]
     out = tmp_path_factory.mktemp("height")
     arguments = ("--unpaced", "--speed", str(SPEED), *turned)
-    with running_rig(out, arguments=arguments, waits_for_speed=SPEED, pictures="failed") as running:
+    with running_rig(out, arguments=arguments, waits_for_speed=SPEED, reply_ms=REPLY_MS) as running:
         with running.client() as client:
             running.session(client).set_up()
         yield running
@@ -131,7 +133,8 @@ def test_a_z_that_loses_steps_while_pressed_drags_nothing_over_the_board(rig: Ri
         with pytest.raises(Refused, match="did not lift"):
             client.job("place", test_point="TP8")
         rig.bench.ask("fault", name="stall", on=False)
-        client.request("reset")
+        with pytest.raises(Refused, match="not homed"):
+            client.request("reset")
         assert client.job("home").ok
         assert rig.truth()["pressed_um"] == 0.0
         assert client.job("place", test_point="TP8").ok
