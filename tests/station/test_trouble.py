@@ -178,8 +178,12 @@ def test_cancel_in_the_middle_of_a_move_stops_it(rig: Rig, client: Client) -> No
 
 def test_a_job_that_runs_out_of_time_stops(rig: Rig, client: Client) -> None:
     client.job("place", board_um=[0.0, 0.0])
-    result = client.job("place", board_um=[39_000.0, 29_000.0], theta_deg=90.0, deadline_ms=400.0)
-    assert result.error is not None
+    # On a loaded computer a short deadline may pass before the job's turn comes: then it is given more.
+    for deadline_ms in (400.0, 700.0, 1000.0):
+        result = client.job("place", board_um=[39_000.0, 29_000.0], theta_deg=90.0, deadline_ms=deadline_ms)
+        assert result.error is not None
+        if result.error.name != "stale_deadline":
+            break
     assert result.error.name == "deadline_missed"
     assert rig.truth()["moving"] is False
 
