@@ -95,7 +95,7 @@ class MapAcquisition:
         self._slow_um = self.over.z_um
 
     async def _tip_px(self, place: Position) -> Array:
-        """Go there and return where the tip is in the image, (2,) px; without a tip the target cannot be seen either."""
+        """Go there and return where the tip is in the image, (2,) px; without a tip no target can be seen either."""
         position = await self._sequence.go(place)
         try:
             return await tip_px(self._sequence, position)
