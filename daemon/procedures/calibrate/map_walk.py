@@ -80,8 +80,8 @@ class MapAcquisition:
         if known or self.over.z_um >= gantry.free_z_um:
             return
         above = replace(self.over, z_um=gantry.free_z_um)
-        free = await tip_px(sequence, await sequence.go(above))
-        here = await tip_px(sequence, await sequence.go(self.over))
+        free = await self._tip_px(above)
+        here = await self._tip_px(self.over)
         risen_px = float(np.dot(free - here, self._needle))
         if risen_px > TOUCHED_PX:
             await sequence.go(above)
@@ -93,6 +93,18 @@ class MapAcquisition:
                 pushed_px=round(risen_px, 1),
             )
         self._slow_um = self.over.z_um
+
+    async def _tip_px(self, place: Position) -> Array:
+        """Go there and return where the tip is in the image, (2,) px; without a tip no target can be seen either."""
+        position = await self._sequence.go(place)
+        try:
+            return await tip_px(self._sequence, position)
+        except Fault as unseen:
+            if unseen.kind is not FaultCode.TIP_NOT_FOUND:
+                raise
+            await self._sequence.go(replace(place, z_um=max(place.z_um, self._context.gantry.free_z_um)))
+            text = f"{self._target.name} was not seen with the tip: {unseen.message}"
+            raise Fault(FaultCode.TEST_POINT_NOT_FOUND, text) from unseen
 
     async def run(self) -> PoseMap:
         """MapAcquisition, see, fit; raise ValueError if that gives no map."""

@@ -264,3 +264,11 @@ async def test_once_the_needle_hovered_free_over_its_mark_the_walk_is_not_slow(w
     _first, down, *walk = world.gantry.slow_z_um
     assert down == 5_500.0
     assert set(walk) == {WORK_Z_UM}
+
+
+@pytest.mark.parametrize("look", [1, 3])
+async def test_a_map_that_sees_no_tip_is_refused_as_ever_and_the_needle_left_free(world: World, look: int) -> None:
+    world.station.script[look] = lambda seen: replace(seen, tip=NotFound(Reason.NO_NEEDLE, "none"))
+    fault = await _fault(world, {"op": "calibrate", "what": "map", "test_point": "P11"})
+    assert fault.kind is FaultCode.TEST_POINT_NOT_FOUND
+    assert world.gantry.actual.z_um == 5_600.0
