@@ -21,8 +21,9 @@ from daemon.config.reload import Change, Reloader
 from daemon.domain.board import Board
 from daemon.jobs.fault_latch import FaultLatch
 from daemon.jobs.image_archive import ImageArchive
-from daemon.jobs.runner import JobLimits, JobRunner, Surroundings
+from daemon.jobs.runner import JobRunner
 from daemon.jobs.station_lock import StationLock
+from daemon.jobs.surroundings import JobLimits, Surroundings
 from daemon.jobs.watchdog import Watchdog
 from daemon.maintenance.monitor import Monitor
 from daemon.platform.instance_lock import alone

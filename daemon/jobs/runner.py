@@ -8,8 +8,7 @@ what it leaves latched goes to the `FaultLatch`, which owns it.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Hashable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Hashable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,117 +16,26 @@ from typing import Any
 import structlog
 
 from daemon.domain.errors import Fault, FaultCode
-from daemon.domain.results import ErrorBody, JobResult
-from daemon.domain.states import BUSY, Event, Lifecycle, State
+from daemon.domain.results import JobResult
+from daemon.domain.states import BUSY, Event, State
 from daemon.jobs.context import JobContext, Outcome, Procedure, StationContext
-from daemon.jobs.fair_queue import FairQueue
-from daemon.jobs.fault_latch import FaultLatch
-from daemon.jobs.image_archive import ImageArchive
-from daemon.jobs.observer import JobObserver, Publisher
+from daemon.jobs.ended import EndedJob
+from daemon.jobs.intake import JobIntake, Ticket, not_written, refuse
 from daemon.jobs.preconditions import (
     refuse_in_fault,
-    refuse_other_request,
-    refuse_unknown_point,
     refuse_with_needle_down,
 )
 from daemon.jobs.safe_ending import make_safe
-from daemon.jobs.station_lock import StationLock
-from daemon.jobs.watchdog import Watchdog
+from daemon.jobs.surroundings import Surroundings
 from daemon.platform.clock import utc_now
 from daemon.station.device_errors import as_fault, forget_frames
-from daemon.storage.journal import Journal
-from daemon.wire.deadline import due_at_s
 from daemon.wire.operations.jobs import AnyJob
-from daemon.wire.operations.table import OPERATIONS
 from drivers.deadline import Deadline
 from drivers.shielded import finish
 
 EXCLUSIVE_WITHIN_S = 60.0
 """What a reset, a health check or a reload may take at most while a job waits for it."""
 log = structlog.get_logger(__name__)
-
-
-@dataclass
-class _Ticket:
-    """A job from its arrival to its result."""
-
-    request: AnyJob
-    canonical: str
-    due_s: float
-    done: asyncio.Future[JobResult]
-    client: str = ""
-    cancelled: bool = False
-    task: asyncio.Task[Outcome] | None = field(default=None, repr=False)
-    job: JobContext | None = field(default=None, repr=False)
-
-
-@dataclass(frozen=True)
-class JobLimits:
-    """How long jobs may take where their requests say nothing, s, and how many may wait, of all clients and of one."""
-
-    job_timeout_s: float
-    calibration_timeout_s: float
-    queue_length: int
-    queue_per_client: int
-
-
-@dataclass(frozen=True)
-class Surroundings:
-    """What the job runner works with, all of it whole before the first job."""
-
-    station: str
-    """The station's name, for results."""
-    latch: FaultLatch
-    lock: StationLock
-    journal: Journal
-    publisher: Publisher
-    images: ImageArchive
-    procedures: Mapping[str, Procedure]
-    context: Callable[[], StationContext | None]
-    """What jobs work with at present; None while no device is open."""
-    limits: Callable[[], JobLimits]
-    """The limits in force; read with every request."""
-    observer: JobObserver = field(default_factory=JobObserver)
-    watchdog: Watchdog = field(default_factory=Watchdog)
-    refusal: Callable[[str, str], Fault | None] = lambda _client, _op: None
-    """Why a client may not have an operation run any more, asked again when its job's turn has come."""
-    on_result: Callable[[JobResult], None] = lambda _result: None
-    """Called with every result, once it has been published."""
-
-
-@dataclass(frozen=True)
-class _Ended:
-    """A job that has ended, and how: all that its result tells."""
-
-    request: AnyJob
-    job: JobContext
-    outcome: Outcome
-    fault: Fault | None
-    finished_at: str
-    timing_ms: dict[str, dict[str, float]]
-    folder: Path | None
-
-    def result(self, station: str, seq: int) -> JobResult:
-        """Put the result into words, under the number of the event that carries it."""
-        job, outcome, fault = self.job, self.outcome, self.fault
-        return JobResult(
-            id=self.request.id,
-            op=self.request.op,
-            ok=fault is None,
-            seq=seq,
-            station=station,
-            finished_at=self.finished_at,
-            outcome=outcome.outcome if fault is None else "failed",
-            test_point=outcome.test_point,
-            error_before_um=outcome.error_before_um,
-            error_after_um=outcome.error_after_um,
-            looks=job.looks,
-            moves=job.moves,
-            timing_ms=self.timing_ms,
-            pictures=str(self.folder) if self.folder and job.looks else None,
-            detail=outcome.detail,
-            error=ErrorBody.of(fault) if fault else None,
-        )
 
 
 class JobRunner:
@@ -137,74 +45,14 @@ class JobRunner:
         self._with = surroundings
         self._latch, self._journal = surroundings.latch, surroundings.journal
         self._watchdog = surroundings.watchdog
-        self._waiting: FairQueue[_Ticket] = FairQueue()
-        self._open: dict[str, _Ticket] = {}
-        self._running: _Ticket | None = None
+        self._intake = JobIntake(surroundings)
         self._progress: dict[str, Any] | None = None
-        self._unwritten: dict[str, _Ended] = {}
+        self._unwritten: dict[str, EndedJob] = {}
         """Jobs that have ended and whose results nobody was told, for they could not be written."""
 
-    # --- taking ----------------------------------------------------------------------------------------------
-
     async def submit(self, request: AnyJob, client: str = "") -> asyncio.Future[JobResult]:
-        """Accept a job, or find the one that already has this id; raise `Fault` if it is refused.
-
-        The jobs of different clients are run in turn.
-        """
-        canonical = request.model_dump_json(exclude={"wait", "deadline_ms"})
-        known = await self._known(request.id, canonical)
-        if known is not None:
-            return known
-        if self._latch.lifecycle is Lifecycle.CLOSING:
-            raise Fault(FaultCode.SHUTTING_DOWN)
-        refuse_in_fault(self._latch.against(request.op))
-        limits = self._with.limits()
-        lengthy = OPERATIONS.row(request.op).is_lengthy
-        due_s = due_at_s(request.deadline_ms, limits.calibration_timeout_s if lengthy else limits.job_timeout_s)
-        self._refuse_too_many(client, limits)
-        context = self._with.context()
-        if context is not None:
-            refuse_unknown_point(request, context.board)
-        ticket = _Ticket(request, canonical, due_s, asyncio.get_running_loop().create_future(), client)
-        self._open[request.id] = ticket
-        try:
-            await self._journal.add_job(request.id, request.op, canonical)
-        except BaseException as exc:
-            self._open.pop(request.id, None)
-            # Who sent the same id meanwhile waits for this ticket, and would wait without end.
-            _refuse(ticket.done, exc)
-            raise
-        self._waiting.put(client, ticket)
-        return ticket.done
-
-    async def _known(self, job_id: str, canonical: str) -> asyncio.Future[JobResult] | None:
-        """Return the answer this id already has or will get."""
-        ticket = self._open.get(job_id)
-        if ticket is not None:
-            refuse_other_request(job_id, canonical, ticket.canonical)
-            return ticket.done
-        stored = await self._journal.job(job_id)
-        ticket = self._open.get(job_id)
-        if ticket is not None:  # it arrived twice while the journal was asked
-            refuse_other_request(job_id, canonical, ticket.canonical)
-            return ticket.done
-        if stored is None:
-            return None
-        refuse_other_request(job_id, canonical, stored.request)
-        if stored.result is None:  # the disk failed when it ended; nobody may wait for it without end
-            raise _not_written(job_id)
-        done: asyncio.Future[JobResult] = asyncio.get_running_loop().create_future()
-        done.set_result(stored.result)
-        return done
-
-    def _refuse_too_many(self, client: str, allowed: JobLimits) -> None:
-        """Refuse a job beyond what may wait, of this client or of all; its own share is named first."""
-        theirs = sum(t.client == client for t in self._open.values() if t is not self._running)
-        limits = {"limit": allowed.queue_length, "limit_per_client": allowed.queue_per_client}
-        if theirs >= allowed.queue_per_client:
-            raise Fault(FaultCode.BUSY, f"{theirs} jobs of this client wait already", **limits)
-        if len(self._open) >= allowed.queue_length + 1:
-            raise Fault(FaultCode.BUSY, f"{len(self._open)} jobs are open", **limits)
+        """Accept a job, or find the one that already has this id; raise `Fault` if it is refused."""
+        return await self._intake.submit(request, client)
 
     # --- running ---------------------------------------------------------------------------------------------
 
@@ -220,29 +68,28 @@ class JobRunner:
                 try:
                     await self._watchdog.supervise(running, partial(self._activity, ticket))
                 finally:
-                    self._running = None
-                    self._open.pop(ticket.request.id, None)
+                    self._intake.let_go(ticket)
                     ticket.job = None  # the last ticket stays until the next one comes; its pictures are 24 MB
 
-    async def _next(self) -> _Ticket:
+    async def _next(self) -> Ticket:
         """Wait for a job; the loop turns all the while."""
         while True:
             self._watchdog.check_in()
             try:
                 async with asyncio.timeout(self._watchdog.every_s):
-                    return await self._waiting.get()
+                    return await self._intake.next()
             except TimeoutError:
                 continue
 
-    def _activity(self, ticket: _Ticket) -> Hashable:
+    def _activity(self, ticket: Ticket) -> Hashable:
         """Return what changes whenever the running job does something that shows."""
         context = self._with.context()
         exchanges = context.station.exchanges if context is not None else None
         return ticket.job.activity if ticket.job is not None else None, str(self._progress), exchanges
 
-    async def _run_one(self, ticket: _Ticket) -> None:
+    async def _run_one(self, ticket: Ticket) -> None:
         """Run one job and tell everybody how it ended."""
-        self._running = ticket
+        self._intake.running = ticket
         request = ticket.request
         self._progress = None
         job = ticket.job = self._job_context(ticket)
@@ -261,18 +108,18 @@ class JobRunner:
             # A job that came to its end is answered even if the daemon is told to stop while that is written down.
             await finish(self._finish(ticket, job, outcome, fault))
 
-    def _job_context(self, ticket: _Ticket) -> JobContext:
+    def _job_context(self, ticket: Ticket) -> JobContext:
         keep_step, tell = self._keep_step(ticket.request.id), self._tell_progress(ticket.request)
         return JobContext(ticket.request, Deadline(ticket.due_s), self._latch.fire, keep_step, tell)
 
     async def refuse_waiting(self) -> None:
         """Answer the jobs that never began because the daemon stops; `run` must be over."""
-        for ticket in tuple(self._open.values()):
+        for ticket in tuple(self._intake.open.values()):
             job = self._job_context(ticket)
             fault = Fault(FaultCode.SHUTTING_DOWN, "the daemon was stopped before the job began")
             await self._finish(ticket, job, job.partial, fault)
 
-    async def _outcome(self, ticket: _Ticket, job: JobContext) -> Outcome:
+    async def _outcome(self, ticket: Ticket, job: JobContext) -> Outcome:
         """Do what the job asks for; take the machine's last transition however it ends."""
         end = Event.ON_TARGET
         met: Fault | None = None
@@ -318,7 +165,7 @@ class JobRunner:
         homing = began is not None and began[0] == "home" and self._latch.state is not State.TRIGGERED
         return (Fault(FaultCode.NOT_HOMED, f"homing ended early: {fault.message}"),) if homing else ()
 
-    def _admit(self, ticket: _Ticket) -> StationContext:
+    def _admit(self, ticket: Ticket) -> StationContext:
         """Begin: ask once more what speaks against the job, go to `triggered`, and check the deadline again."""
         request = ticket.request
         refuse_in_fault(self._latch.against(request.op))
@@ -334,7 +181,7 @@ class JobRunner:
             raise Fault(FaultCode.STALE_DEADLINE, "the deadline passed while the job waited", id=request.id)
         return context
 
-    async def _procedure(self, ticket: _Ticket, job: JobContext, context: StationContext) -> Outcome:
+    async def _procedure(self, ticket: Ticket, job: JobContext, context: StationContext) -> Outcome:
         """Run the procedure as a task of its own, so that `cancel` reaches it and nothing else."""
         procedure = self._with.procedures[ticket.request.op]
         ticket.task = asyncio.create_task(self._timed(procedure, job, context))
@@ -371,14 +218,14 @@ class JobRunner:
 
     # --- telling ---------------------------------------------------------------------------------------------
 
-    async def _finish(self, ticket: _Ticket, job: JobContext, outcome: Outcome, fault: Fault | None) -> None:
+    async def _finish(self, ticket: Ticket, job: JobContext, outcome: Outcome, fault: Fault | None) -> None:
         """Journal, publish, answer, then keep the pictures; in this order.
 
         A result that cannot be written is told to nobody: after a kill the next start could not but tell another.
         """
         timing = job.watch.timing_ms()
         folder = self._with.images.folder_for(ticket.request, failed=fault is not None)
-        ended = _Ended(ticket.request, job, outcome, fault, utc_now(), timing, folder)
+        ended = EndedJob(ticket.request, job, outcome, fault, utc_now(), timing, folder)
         await self._settle(job)
         try:
             result = await self._write(ended)
@@ -401,7 +248,7 @@ class JobRunner:
         except Exception as exc:  # noqa: BLE001  # a note is not worth a result
             log.error("steps_not_kept", error=str(exc))
 
-    async def _write(self, ended: _Ended) -> JobResult:
+    async def _write(self, ended: EndedJob) -> JobResult:
         """Write a result down and publish it; raise `Fault` if it cannot be written."""
         written: list[JobResult] = []
 
@@ -415,20 +262,19 @@ class JobRunner:
         self._with.on_result(written[0])
         return written[0]
 
-    def _hold_back(self, ended: _Ended, ticket: _Ticket, disk: Fault) -> None:
+    def _hold_back(self, ended: EndedJob, ticket: Ticket, disk: Fault) -> None:
         """Keep a result until it can be written; whoever waits is told to ask again."""
         ended.job.first_look = ended.job.last_look = None  # their pictures are 24 MB
         self._unwritten[ended.request.id] = ended
         self._latch.latch(disk)
         self._let_go(ticket)
-        _refuse(ticket.done, _not_written(ended.request.id))
+        refuse(ticket.done, not_written(ended.request.id))
         log.error("result_not_written", error=disk.message)
 
-    def _let_go(self, ticket: _Ticket) -> None:
+    def _let_go(self, ticket: Ticket) -> None:
         """Be done with a job: what is kept of it from now on can be cancelled no more, and nobody is refused for it."""
         self._with.lock.goes_on_as("archive")
-        self._running = None
-        self._open.pop(ticket.request.id, None)
+        self._intake.let_go(ticket)
 
     async def write_held_back(self) -> None:
         """Write and tell the results that could not be written before; raise `Fault` if that still fails."""
@@ -467,7 +313,8 @@ class JobRunner:
     @property
     def running(self) -> AnyJob | None:
         """The request under way."""
-        return self._running.request if self._running else None
+        ticket = self._intake.running
+        return ticket.request if ticket else None
 
     @property
     def progress(self) -> dict[str, Any] | None:
@@ -477,28 +324,14 @@ class JobRunner:
     @property
     def queued(self) -> int:
         """How many jobs wait."""
-        return len(self._waiting)
+        return len(self._intake)
 
     def cancel(self, job_id: str | None) -> str:
         """Stop a job, or the running one; return its id."""
-        ticket = self._open.get(job_id) if job_id else self._running
+        ticket = self._intake.open.get(job_id) if job_id else self._intake.running
         if ticket is None:
             raise Fault(FaultCode.UNKNOWN_JOB, "no such job is open" if job_id else "no job runs", id=job_id)
         ticket.cancelled = True
         if ticket.task is not None:
             ticket.task.cancel()
         return ticket.request.id
-
-
-def _not_written(job_id: str) -> Fault:
-    return Fault(
-        FaultCode.JOURNAL_FAILED, f"job {job_id!r} has ended, but its result could not be written yet"[:200],
-        id=job_id, advice="free disk space, then ask again with the same id",
-    )  # fmt: skip
-
-
-def _refuse(done: asyncio.Future[JobResult], why: BaseException) -> None:
-    """Refuse a job to those who wait for it; that nobody may wait for it is no error."""
-    if not done.done():
-        done.set_exception(as_fault(why) if isinstance(why, Exception) else Fault(FaultCode.SHUTTING_DOWN))
-        done.exception()

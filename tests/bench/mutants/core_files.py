@@ -24,6 +24,7 @@ CORE_FILES: tuple[CoreFile, ...] = (
     CoreFile("daemon/procedures/calibrate/planarity.py", ("tests/daemon/procedures/calibrate/test_planarity.py",)),
     CoreFile("daemon/procedures/calibrate/head_angles.py", ("tests/daemon/procedures/calibrate/test_head_angles.py",)),
     CoreFile("daemon/jobs/runner.py", ("tests/daemon/jobs/test_runner.py", "tests/daemon/jobs/test_fair_queue.py")),
+    CoreFile("daemon/jobs/intake.py", ("tests/daemon/jobs/test_runner.py", "tests/daemon/jobs/test_fair_queue.py")),
     CoreFile("daemon/jobs/fault_latch.py", ("tests/daemon/jobs/test_fault_latch.py",)),
     CoreFile("daemon/app/supervisor.py", ("tests/daemon/app/test_supervisor.py",)),
     CoreFile("daemon/jobs/fair_queue.py", ("tests/daemon/jobs/test_fair_queue.py",)),

@@ -6,8 +6,8 @@ from collections.abc import Awaitable, Callable
 from typing import Any, cast
 
 from daemon.jobs.fault_latch import FaultLatch
-from daemon.jobs.runner import JobLimits, Surroundings
 from daemon.jobs.station_lock import StationLock
+from daemon.jobs.surroundings import JobLimits, Surroundings
 
 LIMITS = JobLimits(job_timeout_s=60.0, calibration_timeout_s=600.0, queue_length=4, queue_per_client=4)
 

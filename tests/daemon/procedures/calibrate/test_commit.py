@@ -19,8 +19,9 @@ from daemon.domain.states import Event
 from daemon.jobs.context import JobContext, Outcome, Procedure, StationContext
 from daemon.jobs.fault_latch import FaultLatch
 from daemon.jobs.image_archive import ImageArchive
-from daemon.jobs.runner import JobLimits, JobRunner, Surroundings
+from daemon.jobs.runner import JobRunner
 from daemon.jobs.station_lock import StationLock
+from daemon.jobs.surroundings import JobLimits, Surroundings
 from daemon.procedures.calibrate import commit
 from daemon.procedures.calibrate.commit import keep, on_disk, tell_old
 from daemon.station.needle import Needle
