@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -76,10 +76,10 @@ def stirred(before: Truth, after: Truth) -> bool:
     return before.moving or after.moving or _aside(before, after) or abs(before.z_um - after.z_um) > SIDEWAYS_UM
 
 
-def sideways(truths: Sequence[Truth], item: str, excused: Collection[str] = ()) -> list[Violation]:
+def sideways(truths: Sequence[Truth], item: str, *, slipped: bool = False) -> list[Violation]:
     """Find pairs of moments close together, both pressed, between which the pin was carried aside."""
     close = (pair for pair in pairwise(truths) if pair[1].t_s - pair[0].t_s <= ONE_PRESS_S)
-    return [] if excused else _carried(close, item)
+    return [] if slipped else _carried(close, item)
 
 
 def sideways_stops(stops: Sequence[Truth], item: str) -> list[Violation]:
@@ -87,7 +87,7 @@ def sideways_stops(stops: Sequence[Truth], item: str) -> list[Violation]:
     return _carried(pairwise(stops), item)
 
 
-def _carried(pairs: Any, item: str) -> list[Violation]:
+def _carried(pairs: Iterable[tuple[Truth, Truth]], item: str) -> list[Violation]:
     return [
         Violation("sideways while pressed", item, f"pressed {a.pressed_um:.0f} um from {_where(a)} to {_where(b)}")
         for a, b in pairs

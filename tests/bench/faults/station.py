@@ -174,11 +174,11 @@ class Station:
                 self._ask_result(job)
         truths, glances = self.watch.take()
         # A slip is the simulated station's own doing.
-        slipped = [glance for glance in glances if "slip" in glance.held]
+        slipped = any("slip" in glance.held for glance in glances)
         self.violations += [
             *judge.lost(jobs),
             *judge.contradictory(jobs),
-            *judge.sideways(truths, self.item, slipped),
+            *judge.sideways(truths, self.item, slipped=slipped),
             *judge.pressed_at_rest(glances, self.item),
             *judge.lights_at_rest(glances, self.item),
             *judge.incoherent(glances, self.item),
