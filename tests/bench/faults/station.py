@@ -206,8 +206,8 @@ class Station:
         reply = self.client.raw(json.dumps({"op": "result", "id": job.id}).encode(), timeout_s=ANSWER_S)
         if reply["ok"] and reply["done"]:
             self.ledger.said("result", reply["result"], job.item)
-        else:
-            self.found("lost", f"{job.id} ({job.op}) was accepted; `result`: {reply.get('error', reply)}")
+        elif job.results:
+            self.found("lost", f"{job.id} ({job.op}) had a result; now `result` says {reply.get('error', reply)}")
 
 
 @contextmanager
