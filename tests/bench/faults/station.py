@@ -22,6 +22,8 @@ from tests.station.rig import Rig, running_rig
 REPLY_MS = 1000.0
 """Slaves get more time to answer: several stations share a computer, which then is what is slow."""
 ANSWER_S, QUIET_S, READY_S = 60.0, 60.0, 60.0
+LOST_S = 20.0
+"""An accepted job without a result so long after the station is quiet is lost."""
 DARK_S = 1.15
 """Watched at the end of an item, so that a lamp that stays on is seen."""
 PITCH_UM, COLUMNS, ROWS = 400, 95, 70
@@ -180,7 +182,6 @@ class Station:
                 self._ask_result(job)
         truths, glances = self.watch.take()
         self.violations += [
-            *judge.lost(jobs),
             *judge.contradictory(jobs),
             *judge.sideways(truths, self.item),
             *judge.pressed_at_rest(glances, self.item),
@@ -195,19 +196,29 @@ class Station:
         for job in jobs:
             if row := journal.get(job.id):
                 self.ledger.said("journal", row, job.item)
-        known = {violation.item for violation in self.violations if violation.kind == "contradictory"}
-        self.violations += [v for v in judge.contradictory(jobs) if v.item not in known]
-        self.violations += judge.lost([job for job in jobs if job.results], journal)
+        known = {(violation.kind, violation.item) for violation in self.violations}
+        late = [*judge.contradictory(jobs), *judge.lost(jobs, journal)]
+        self.violations += [violation for violation in late if (violation.kind, violation.item) not in known]
         self.violations += judge.moved(jobs, stops, self.offset_um)
         self.violations += judge.sideways_stops(stops, self.item_at)
         self.violations += [Violation("other", "all", what) for what in self.watch.trouble]
 
     def _ask_result(self, job: Job) -> None:
-        reply = self.client.raw(json.dumps({"op": "result", "id": job.id}).encode(), timeout_s=ANSWER_S)
-        if reply["ok"] and reply["done"]:
-            self.ledger.said("result", reply["result"], job.item)
-        elif job.results:
-            self.found("lost", f"{job.id} ({job.op}) had a result; now `result` says {reply.get('error', reply)}")
+        """Ask for a result until it is there; one that is not, although `status` says that nothing waits, is told."""
+        message, give_up_s, told = json.dumps({"op": "result", "id": job.id}).encode(), time.monotonic() + LOST_S, False
+        while time.monotonic() < give_up_s:
+            status = self._status()
+            reply = self.client.raw(message, timeout_s=ANSWER_S)
+            if reply["ok"] and reply["done"]:
+                self.ledger.said("result", reply["result"], job.item)
+                return
+            if not told and status is not None and judge.at_rest(status):
+                self.found(
+                    "contradictory", f"{job.id} ({job.op}) is not done, and status says that nothing runs or waits"
+                )
+                told = True
+            time.sleep(0.05)
+        self.found("lost", f"{job.id} ({job.op}) was accepted; `result` says {reply.get('error', reply)}")
 
 
 @contextmanager
