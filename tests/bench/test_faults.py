@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import random
 from dataclasses import replace
 from itertools import islice
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,6 +16,7 @@ from tests.bench.faults.__main__ import arguments
 from tests.bench.faults.campaign import PARTS, Plan
 from tests.bench.faults.messages import messages
 from tests.bench.faults.records import Glance, Job, Ledger, Truth, Violation
+from tests.bench.faults.station import read_stops
 
 UP = Truth(t_s=10.0, x_um=60_000.0, y_um=40_000.0, z_um=5_600.0, theta_deg=60.0, pressed_um=0.0)
 PRESSED = replace(UP, z_um=4_900.0, pressed_um=100.0)
@@ -57,7 +60,7 @@ def test_clean_records_are_no_violation() -> None:
     assert judge.contradictory(jobs) == []
     assert judge.moved(jobs, [UP, THERE, replace(THERE, x_um=52_008.0), UP], OFFSET_UM) == []
     assert judge.sideways([PRESSED, replace(PRESSED, t_s=10.1, x_um=60_005.0), replace(UP, t_s=10.15)], "i") == []
-    assert judge.sideways_stops([PRESSED, UP, replace(PRESSED, x_um=0.0)], "i") == []
+    assert judge.sideways_stops([PRESSED, UP, replace(PRESSED, x_um=0.0)], lambda _t_s: "i") == []
     assert judge.pressed_at_rest([glance(UP)], "i") == []
     assert judge.lights_at_rest([glance(UP, at_s=at_s) for at_s in (0.0, 2.0)], "i") == []
     assert judge.incoherent([glance(UP), glance(UP, in_fault("link_lost"))], "i") == []
@@ -120,11 +123,11 @@ def test_a_pin_pressed_in_a_job_or_known_not_to_be_up_is_not_pressed_at_rest(sta
 
 
 @pytest.mark.parametrize("moved", [{"x_um": 60_030.0}, {"y_um": 39_970.0}, {"theta_deg": 60.5}])
-def test_a_pin_that_is_carried_aside_while_pressed_is_found(moved: dict[str, float]) -> None:
+def test_a_pin_that_is_carried_aside_while_pressed_is_found(moved: dict[str, Any]) -> None:
     aside = replace(PRESSED, t_s=10.05, **moved)
     assert kinds(judge.sideways([PRESSED, aside], "i")) == ["sideways while pressed"]
-    assert kinds(judge.sideways_stops([PRESSED, aside], "i")) == ["sideways while pressed"]
-    assert judge.sideways([PRESSED, aside], "i", slipped=True) == []
+    assert kinds(judge.sideways_stops([PRESSED, aside], lambda _t_s: "i")) == ["sideways while pressed"]
+    assert judge.sideways([PRESSED, replace(aside, slipped=True)], "i") == []
 
 
 @pytest.mark.parametrize("status", [IDLE, in_fault("not_homed")])
@@ -135,6 +138,21 @@ def test_a_lamp_that_is_on_a_second_after_idle_is_found_and_one_that_goes_out_is
     assert judge.lights_at_rest([*staying[:2], glance(UP, status, at_s=1.2)], "i") == []
     looking = {**IDLE, "state": "look", "running": {"id": "a"}}
     assert judge.lights_at_rest([staying[0], glance(lit, looking, at_s=0.6), *staying[2:]], "i") == []
+
+
+def test_the_truth_log_tells_where_the_station_stopped_and_when_it_slipped_by_itself(tmp_path: Path) -> None:
+    stop = {
+        "event": "settled",
+        "t_s": 1.0,
+        "axes": {"x_um": 1.0, "y_um": 2.0, "z_um": 3.0, "theta_deg": 4.0},
+        "pressed_um": 5.0,
+    }
+    slips = [{"event": "fault", "name": "slip", "on": on} for on in (True, False)]
+    log = tmp_path / "truth.jsonl"
+    log.write_text("\n".join(json.dumps(line) for line in ({"event": "start"}, stop, slips[0], stop, slips[1], stop)))
+    stops = read_stops(log)
+    assert [s.slipped for s in stops] == [False, True, False]
+    assert stops[0] == Truth(t_s=1.0, x_um=1.0, y_um=2.0, z_um=3.0, theta_deg=4.0, pressed_um=5.0)
 
 
 def test_the_campaign_has_its_full_size_and_every_row_of_the_matrix_once() -> None:

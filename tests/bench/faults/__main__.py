@@ -13,6 +13,7 @@ import os
 import signal
 import sys
 import time
+import warnings
 
 # Before OpenCV loads in the stations' processes: the cores are shared out among processes already.
 os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
@@ -40,6 +41,8 @@ def arguments(argv: list[str] | None = None) -> argparse.Namespace:
 def main(argv: list[str] | None = None) -> int:
     """Run, judge, print."""
     asked = arguments(argv)
+    # Boards are read by several threads, and putting such a filter on for a while is no thread's own matter.
+    warnings.filterwarnings("ignore", category=SyntaxWarning)
     # Ended from outside, it still ends the processes it started.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     counts = {part: getattr(asked, part) for part in PARTS}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -76,22 +76,24 @@ def stirred(before: Truth, after: Truth) -> bool:
     return before.moving or after.moving or _aside(before, after) or abs(before.z_um - after.z_um) > SIDEWAYS_UM
 
 
-def sideways(truths: Sequence[Truth], item: str, *, slipped: bool = False) -> list[Violation]:
+def sideways(truths: Sequence[Truth], item: str) -> list[Violation]:
     """Find pairs of moments close together, both pressed, between which the pin was carried aside."""
     close = (pair for pair in pairwise(truths) if pair[1].t_s - pair[0].t_s <= ONE_PRESS_S)
-    return [] if slipped else _carried(close, item)
+    return _carried(close, lambda _t_s: item)
 
 
-def sideways_stops(stops: Sequence[Truth], item: str) -> list[Violation]:
-    """Find stops one after the other, both pressed, at different places."""
-    return _carried(pairwise(stops), item)
+def sideways_stops(stops: Sequence[Truth], item_at: Callable[[float], str]) -> list[Violation]:
+    """Find stops one after the other, both pressed, at different places; `item_at` tells what ran at a time."""
+    return _carried(pairwise(stops), item_at)
 
 
-def _carried(pairs: Iterable[tuple[Truth, Truth]], item: str) -> list[Violation]:
+def _carried(pairs: Iterable[tuple[Truth, Truth]], item_at: Callable[[float], str]) -> list[Violation]:
     return [
-        Violation("sideways while pressed", item, f"pressed {a.pressed_um:.0f} um from {_where(a)} to {_where(b)}")
+        Violation(
+            "sideways while pressed", item_at(b.t_s), f"pressed {a.pressed_um:.0f} um from {_where(a)} to {_where(b)}"
+        )
         for a, b in pairs
-        if a.pressed_um > 0 and b.pressed_um > 0 and _aside(a, b)
+        if a.pressed_um > 0 and b.pressed_um > 0 and not b.slipped and _aside(a, b)
     ]
 
 

@@ -33,9 +33,11 @@ class Truth:
     pressed_um: float
     moving: bool = False
     light: float = 0.0
+    slipped: bool = False
+    """The fault `slip` was held: the simulated station itself may have put the carriage elsewhere."""
 
     @classmethod
-    def of(cls, record: Mapping[str, Any]) -> Truth:
+    def of(cls, record: Mapping[str, Any], *, slipped: bool = False) -> Truth:
         """Read a truth record, from the bench socket or a line `settled` of the truth log."""
         axes = record["axes"]
         return cls(
@@ -47,6 +49,7 @@ class Truth:
             pressed_um=record["pressed_um"],
             moving=record.get("moving", False),
             light=max(record.get("white", 0.0), record.get("red", 0.0)),
+            slipped=slipped,
         )
 
 

@@ -22,6 +22,8 @@ from tests.station.rig import Rig, running_rig
 REPLY_MS = 1000.0
 """Slaves get more time to answer: several stations share a computer, which then is what is slow."""
 ANSWER_S, QUIET_S, READY_S = 60.0, 60.0, 60.0
+LOST_S = 20.0
+"""An accepted job without a result so long after the station is quiet is lost."""
 DARK_S = 1.15
 """Watched at the end of an item, so that a lamp that stays on is seen."""
 PITCH_UM, COLUMNS, ROWS = 400, 95, 70
@@ -39,6 +41,7 @@ class Station:
         self.item = ""
         self.violations: list[Violation] = []
         self.offset_um = (0.0, 0.0)
+        self._begun: list[tuple[float, str]] = []
         cells = list(range(COLUMNS * ROWS))
         random.Random(seed).shuffle(cells)
         self._cells = iter(cells * 100)
@@ -160,6 +163,11 @@ class Station:
     def begin(self, item: str) -> None:
         """Begin an item."""
         self.item = self.watch.item = item
+        self._begun.append((self.truth().t_s, item))
+
+    def item_at(self, t_s: float) -> str:
+        """Return what ran at a time of the station."""
+        return next((item for begun_s, item in reversed(self._begun) if begun_s <= t_s), "set-up")
 
     def found(self, kind: str, what: str) -> None:
         self.violations.append(Violation(kind, self.item, what))
@@ -173,12 +181,9 @@ class Station:
             if job.accepted:
                 self._ask_result(job)
         truths, glances = self.watch.take()
-        # A slip is the simulated station's own doing.
-        slipped = any("slip" in glance.held for glance in glances)
         self.violations += [
-            *judge.lost(jobs),
             *judge.contradictory(jobs),
-            *judge.sideways(truths, self.item, slipped=slipped),
+            *judge.sideways(truths, self.item),
             *judge.pressed_at_rest(glances, self.item),
             *judge.lights_at_rest(glances, self.item),
             *judge.incoherent(glances, self.item),
@@ -186,25 +191,34 @@ class Station:
 
     def judge_all(self) -> None:
         """Judge the whole run by the truth log and the journal; the daemon has ended."""
-        self.begin("all")
         jobs, stops = self.ledger.jobs(), read_stops(self.rig.places.out / "truth.jsonl")
         journal = read_journal(self.rig.places.out / "station" / "journal.sqlite")
         for job in jobs:
             if row := journal.get(job.id):
                 self.ledger.said("journal", row, job.item)
-        known = {violation.item for violation in self.violations if violation.kind == "contradictory"}
-        self.violations += [v for v in judge.contradictory(jobs) if v.item not in known]
-        self.violations += judge.lost([job for job in jobs if job.results], journal)
+        known = {(violation.kind, violation.item) for violation in self.violations}
+        late = [*judge.contradictory(jobs), *judge.lost(jobs, journal)]
+        self.violations += [violation for violation in late if (violation.kind, violation.item) not in known]
         self.violations += judge.moved(jobs, stops, self.offset_um)
-        self.violations += judge.sideways_stops(stops, "all")
+        self.violations += judge.sideways_stops(stops, self.item_at)
         self.violations += [Violation("other", "all", what) for what in self.watch.trouble]
 
     def _ask_result(self, job: Job) -> None:
-        reply = self.client.raw(json.dumps({"op": "result", "id": job.id}).encode(), timeout_s=ANSWER_S)
-        if reply["ok"] and reply["done"]:
-            self.ledger.said("result", reply["result"], job.item)
-        else:
-            self.found("lost", f"{job.id} ({job.op}) was accepted; `result`: {reply.get('error', reply)}")
+        """Ask for a result until it is there; one that is not, although `status` says that nothing waits, is told."""
+        message, give_up_s, told = json.dumps({"op": "result", "id": job.id}).encode(), time.monotonic() + LOST_S, False
+        while time.monotonic() < give_up_s:
+            status = self._status()
+            reply = self.client.raw(message, timeout_s=ANSWER_S)
+            if reply["ok"] and reply["done"]:
+                self.ledger.said("result", reply["result"], job.item)
+                return
+            if not told and status is not None and judge.at_rest(status):
+                self.found(
+                    "contradictory", f"{job.id} ({job.op}) is not done, and status says that nothing runs or waits"
+                )
+                told = True
+            time.sleep(0.05)
+        self.found("lost", f"{job.id} ({job.op}) was accepted; `result` says {reply.get('error', reply)}")
 
 
 @contextmanager
@@ -229,8 +243,13 @@ def running_station(out: Path, seed: int, speed: float) -> Iterator[Station]:
 
 def read_stops(path: Path) -> list[Truth]:
     """Return where the station came to rest, in order."""
-    lines = (json.loads(line) for line in path.read_text().splitlines())
-    return [Truth.of(line) for line in lines if line["event"] == "settled"]
+    stops, slipped = [], False
+    for line in map(json.loads, path.read_text().splitlines()):
+        if line["event"] == "fault" and line["name"] == "slip":
+            slipped = line["on"]
+        elif line["event"] == "settled":
+            stops.append(Truth.of(line, slipped=slipped))
+    return stops
 
 
 def read_journal(path: Path) -> dict[str, dict[str, Any] | None]:

@@ -60,7 +60,8 @@ class Watch:
     def _sample_truth(self) -> None:
         with closing(DemoBench(self._rig.places.socket("bench"))) as bench:
             while not self._end.wait(TRUTH_EVERY_S):
-                truth = Truth.of(bench.ask("truth"))
+                slipped = "slip" in self.held
+                truth = Truth.of(bench.ask("truth"), slipped=slipped)
                 with self._lock:
                     self._truths.append(truth)
 
