@@ -44,9 +44,10 @@ class JobIntake:
         self.running: Ticket | None = None
         """The job under way, as the runner says."""
 
-    def __len__(self) -> int:
-        """How many jobs wait."""
-        return len(self._waiting)
+    @property
+    def queued(self) -> int:
+        """How many jobs were taken and have not begun, also one whose turn it is and that waits for the station."""
+        return len(self.open) - (self.running is not None)
 
     async def next(self) -> Ticket:
         """Wait for the job whose turn it is."""

@@ -324,7 +324,7 @@ class JobRunner:
     @property
     def queued(self) -> int:
         """How many jobs wait."""
-        return len(self._intake)
+        return self._intake.queued
 
     def cancel(self, job_id: str | None) -> str:
         """Stop a job, or the running one; return its id."""

@@ -79,11 +79,13 @@ def manager(rig: Rig) -> Iterator[Manager]:
 
 
 @pytest.fixture
-def daemon(rig: Rig, manager: Manager) -> Rig:
-    """A daemon that has just come up, idle: the drives kept their reference."""
+def daemon(rig: Rig, manager: Manager) -> Iterator[Rig]:
+    """A daemon that has just come up, idle: the drives kept their reference. It ends with the test, however that ends."""
     manager.words.clear()
     rig.start_daemon(lambda _process, _control: manager.until("READY", "1"))
-    return rig
+    yield rig
+    if rig.daemon.alive():
+        rig.daemon.end()
 
 
 def _stop(rig: Rig, manager: Manager) -> None:
@@ -174,8 +176,8 @@ def pressing(rig: Rig) -> Iterator[None]:
     """A configuration whose working height lies below the board's surface."""
     file = rig.places.out / "station.toml"
     good = file.read_text()
-    pressed = good.replace("work_z_um = 5200.0", "work_z_um = 4850.0").replace(
-        "touch_z_um = 5000.0", "touch_z_um = 4800.0"
+    pressed = good.replace("work_z_um = 5200.0", "work_z_um = 4750.0").replace(
+        "touch_z_um = 5000.0", "touch_z_um = 4700.0\nsurface_range_um = 0.0"
     )
     assert pressed != good
     file.write_text(pressed)
