@@ -80,7 +80,7 @@ def manager(rig: Rig) -> Iterator[Manager]:
 
 @pytest.fixture
 def daemon(rig: Rig, manager: Manager) -> Iterator[Rig]:
-    """A daemon that has just come up, idle: the drives kept their reference. It ends with the test, however that ends."""
+    """A daemon that has just come up, idle: the drives kept their reference. It ends with the test in any case."""
     manager.words.clear()
     rig.start_daemon(lambda _process, _control: manager.until("READY", "1"))
     yield rig
