@@ -6,8 +6,15 @@ import pytest
 
 from daemon.domain.board import Board, BoardPoint
 from daemon.domain.errors import Fault, FaultCode
-from daemon.jobs.preconditions import refuse_in_fault, refuse_other_request, refuse_unknown_point
+from daemon.jobs.preconditions import (
+    refuse_in_fault,
+    refuse_other_request,
+    refuse_unknown_point,
+    refuse_with_needle_down,
+)
+from daemon.station.needle import Needle
 from daemon.wire.operations.jobs import Align, AnyJob, Correct, Home, Look, Place
+from drivers.gantry import Position
 
 BOARD = Board(
     name="b",
@@ -89,3 +96,28 @@ def test_a_request_written_before_a_field_was_added_is_the_same_request() -> Non
     refuse_other_request("a", asked, '{"op":"correct","id":"a","test_point":"TP1"}')
     with pytest.raises(Fault):
         refuse_other_request("a", asked.replace("null", '"SN-1"'), '{"op":"correct","id":"a","test_point":"TP1"}')
+
+
+@pytest.mark.parametrize(
+    ("op", "z_um", "refused"),
+    [
+        ("place", 5_200.0, False),
+        ("place", 5_000.0, True),
+        ("calibrate", 5_000.0, True),
+        ("lift", 5_000.0, False),
+        ("home", 5_000.0, False),
+        ("place", None, True),
+        ("lift", None, False),
+    ],
+)
+def test_nothing_begins_with_the_needle_down_but_what_raises_it(op: str, z_um: float | None, *, refused: bool) -> None:
+    needle = Needle()
+    needle.adopt(lambda _at: 5_200.0, lambda _at: 5_000.0)
+    if z_um is not None:
+        needle.reported(Position(0.0, 0.0, z_um, 0.0))
+    if not refused:
+        refuse_with_needle_down(op, needle)
+        return
+    with pytest.raises(Fault) as caught:
+        refuse_with_needle_down(op, needle)
+    assert caught.value.kind is FaultCode.NEEDLE_DOWN

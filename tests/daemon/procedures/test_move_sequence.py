@@ -48,6 +48,13 @@ async def test_every_move_is_journalled_as_its_target(world: World, ran: Ran) ->
     assert (reached.x_um, reached.y_um) == pytest.approx((50_003.126, 40_004.006))
 
 
+async def test_z_goes_down_slowly_where_the_surface_may_be_unless_told_from_where_on(world: World, ran: Ran) -> None:
+    sequence = MoveSequence(ran.job, world.context)
+    await sequence.go(HERE)
+    await sequence.go(shifted(HERE, dx_um=10.0), slow_z_um=4_321.0)
+    assert world.gantry.slow_z_um == [world.geometry.slow_z_um(HERE), 4_321.0]
+
+
 async def test_axes_come_from_below_unless_told_otherwise(world: World, ran: Ran) -> None:
     sequence = MoveSequence(ran.job, world.context)
     await sequence.go(HERE)
