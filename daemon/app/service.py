@@ -105,7 +105,7 @@ async def _lasting(part: str, run: Callable[[], Coroutine[Any, Any, None]]) -> N
     while True:
         try:
             return await run()
-        except Exception:
+        except Exception:  # a bug in a part that moves nothing must not end what does
             log.exception("part_failed", part=part, again_in_s=AGAIN_S)
             await asyncio.sleep(AGAIN_S)
 
@@ -116,8 +116,8 @@ async def _open_and_work(runtime: Runtime) -> None:
     # Jobs come after: the first one would have to wait for it anyway.
     try:
         await asyncio.to_thread(warm_up)
-    except Exception:
-        log.exception("part_failed", part="warming up")  # the first look takes longer, and that is all
+    except Exception:  # what was not loaded now is loaded by the first look, which takes longer
+        log.exception("part_failed", part="warming up")
     await runtime.supervisor.first_check(runtime.watchdog)
     await runtime.runner.run()
 

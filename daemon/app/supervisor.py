@@ -160,17 +160,15 @@ class StationSupervisor:
         """
         trouble = await self._journal.mend()
         deadline = Deadline.after(OPEN_WITHIN_S)
-        if self._hardware is None:
-            fit = await self._open(deadline)
+        hardware, fit = self._hardware, False
+        if hardware is None:
+            hardware, fit = await self._open(deadline)
         else:
-            fit = False
             self._fit_calibrations()
-            if await self._hardware.in_trouble(deadline):
+            if await hardware.in_trouble(deadline):
                 self._latch.doubt(AXES)
-            await self._settle_doubts(self._hardware, deadline)
-            await self._hardware.recover(deadline)
-        hardware = self._hardware
-        assert hardware is not None  # noqa: S101  # opened above
+            await self._settle_doubts(hardware, deadline)
+            await hardware.recover(deadline)
         await self._settle_doubts(hardware, deadline)
         if not fit:
             await hardware.check_health(deadline)
@@ -185,20 +183,21 @@ class StationSupervisor:
 
     async def _require_needle_up(self, taken: tuple[Fault, ...], deadline: Deadline) -> None:
         """Raise if the needle is down, or was and nobody has raised it since; nothing moves here."""
-        assert self._context is not None  # noqa: S101  # made with the hardware
+        if self._context is None:
+            raise Fault(FaultCode.INTERNAL, "devices are open and nothing was laid out to work with them")
         await self._context.station.read_position(deadline)
         if not self.needle.is_up:
             raise self.needle.fault("it is below the height of looks")
         if any(cause.kind is FaultCode.NEEDLE_DOWN for cause in taken):
             raise self.needle.fault("only a lift settles that it is up")
 
-    async def _open(self, deadline: Deadline) -> bool:
-        """Open the devices; return whether the drives' self-test found them fit."""
+    async def _open(self, deadline: Deadline) -> tuple[Hardware, bool]:
+        """Open the devices; return them, and whether the drives' self-test found them fit."""
         self._fit_calibrations()
         self._hardware = hardware = await self._open_devices(self._settings.config, deadline)
         self._lay_out(hardware)
         log.info("station_open", camera=dict(hardware.camera.settings()))
-        return all(axis.fit for axis in hardware.found.values())
+        return hardware, all(axis.fit for axis in hardware.found.values())
 
     async def _see(self, hardware: Hardware) -> None:
         """Raise unless a fresh picture comes, and it is dark; a camera that gives none is opened again first.

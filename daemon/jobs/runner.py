@@ -263,7 +263,7 @@ class JobRunner:
         return written[0]
 
     def _hold_back(self, ended: EndedJob, ticket: Ticket, disk: Fault) -> None:
-        """Keep a result until it can be written; whoever waits is told to ask again."""
+        """Keep a result until it can be written; those who wait for it are told to ask again."""
         ended.job.first_look = ended.job.last_look = None  # their pictures are 24 MB
         self._unwritten[ended.request.id] = ended
         self._latch.latch(disk)

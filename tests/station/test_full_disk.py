@@ -41,7 +41,7 @@ def _wait_for(client: Client, state: str, fault: str | None) -> None:
 
 
 def _fill_during_a_job(rig: Rig, client: Client, job_id: str) -> None:
-    """Let a job begin, fill the disk, and see that whoever waits is told that there is no result yet."""
+    """Let a job begin, fill the disk, and see that a client who waits is told that there is no result yet."""
     client.request("place", id=job_id, **FAR)
     rig.until(lambda truth: truth["moving"], "it never moved")
     fill(rig.places.out / "station")

@@ -489,7 +489,7 @@ async def test_z_meets_a_surface_slowly(make_line: MakeLine, open_bus: OpenBus, 
     await machine.gantry.move_to(dataclasses.replace(PLACE, z_um=5600.0), soon)
     assert z.od[0x6081, 0][1] == 300
     await machine.gantry.move_to(dataclasses.replace(PLACE, z_um=5200.0), soon, slow_z_um=5100.0)
-    assert z.od[0x6081, 0][1] == 300, "whoever knows the surface says so"
+    assert z.od[0x6081, 0][1] == 300, "a caller that knows the surface says so"
 
 
 async def test_nothing_is_sent_below_the_floor(make_line: MakeLine, open_bus: OpenBus, soon: Deadline) -> None:
