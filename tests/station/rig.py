@@ -20,6 +20,7 @@ from daemon.tools.demo.settings import REPLY_MS, Places, write_settings
 
 ROOT = Path(__file__).parents[2]
 EVENTUALLY_S = 20.0
+STARTED_WITHIN_S = 60.0
 FAST = ("--unpaced", "--speed", "3")
 """The plant and the pixels stay as they are; only the clock and the line are hurried."""
 DEMO_BOARD = ROOT / "sim_hw" / "demo_board"
@@ -77,6 +78,31 @@ class Rig:
             yield
         finally:
             self.bench.ask("fault", name=name, on=False)
+
+
+def until_status(holds: Callable[[dict[str, Any]], Any]) -> Callable[[Process, str], None]:
+    """Return a wait for a daemon that starts: until what it says of itself holds."""
+
+    def wait(process: Process, control: str) -> None:
+        give_up_s = time.monotonic() + STARTED_WITHIN_S
+        with Client(control, timeout_s=1.0) as client:
+            while time.monotonic() < give_up_s:
+                assert process.alive(), process.last_words()
+                try:
+                    if holds(client.request("status")):
+                        return
+                except TimeoutError:
+                    continue
+                time.sleep(0.05)
+        raise AssertionError(process.last_words())
+
+    return wait
+
+
+in_fault = until_status(lambda status: status["fault"])
+"""Waits for the fault in which a start ends; before that there is none."""
+started = until_status(lambda status: status["fault"] or status["state"] == "idle")
+"""Waits for the end of a start, whatever it is."""
 
 
 @contextmanager

@@ -14,9 +14,8 @@ from typing import Any
 
 import pytest
 
-from daemon.client import Client, NoAnswer, Refused
-from daemon.tools.demo.processes import Process
-from tests.station.rig import EVENTUALLY_S, Rig, running_rig
+from daemon.client import Client, Refused
+from tests.station.rig import EVENTUALLY_S, Rig, in_fault, running_rig
 
 UNDER_VOLTAGE = 0x3220
 """What 603Fh of the simulated drives says while their motor supply is cut, and after, until the fault is reset."""
@@ -251,27 +250,12 @@ def test_while_homing(rig: Rig, client: Client, axis: str, stop: Press) -> None:
 # --- a daemon that starts
 
 
-def _until_open_or_in_trouble(process: Process, control: str) -> None:
-    """Wait for the fault in which the daemon's start ends; before that it has none."""
-    with Client(control, timeout_s=1.0) as client:
-        give_up_s = time.monotonic() + 60.0
-        while time.monotonic() < give_up_s:
-            assert process.alive(), process.last_words()
-            try:
-                if client.request("status")["fault"]:
-                    return
-            except NoAnswer:
-                continue
-            time.sleep(0.05)
-    raise AssertionError(process.last_words())
-
-
 @pytest.mark.parametrize("stop", [press, press_and_release])
 def test_a_daemon_that_starts_on_it(rig: Rig, client: Client, stop: Press) -> None:
     """Pressed before, held or not: the drives still stand in the fault it put them in."""
     assert rig.daemon.end() == 0
     stop(rig)
-    rig.start_daemon(_until_open_or_in_trouble)
+    rig.start_daemon(in_fault)
     with rig.client() as again:
         _is_emergency_stop(again.request("status")["fault"])
         _recovers_by_homing(rig, again)
@@ -284,7 +268,7 @@ def test_a_daemon_that_was_killed_in_it_does_not_believe_the_reference(rig: Rig,
     press(rig)
     os.kill(rig.daemon.pid, signal.SIGKILL)
     rig.daemon.end()
-    rig.start_daemon(_until_open_or_in_trouble)
+    rig.start_daemon(in_fault)
     with rig.client() as again:
         _is_emergency_stop(again.request("status")["fault"])
         cut = again.raw(json.dumps({"op": "result", "id": "killed-too"}).encode())

@@ -4,29 +4,12 @@ from __future__ import annotations
 
 import os
 import signal
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from daemon.client import Client
-from daemon.tools.demo.processes import Process
-from tests.station.rig import FAST, Rig, running_rig
-
-
-def _until_answering(process: Process, control: str) -> None:
-    with Client(control, timeout_s=1.0) as client:
-        give_up_s = time.monotonic() + 60.0
-        while time.monotonic() < give_up_s:
-            assert process.alive(), process.last_words()
-            try:
-                if client.request("status")["fault"]:
-                    return
-            except TimeoutError:
-                continue
-            time.sleep(0.05)
-    raise AssertionError(process.last_words())
+from tests.station.rig import FAST, Rig, in_fault, running_rig, started
 
 
 @pytest.fixture
@@ -50,7 +33,7 @@ def test_from_cold_to_kill_and_back(fresh: Rig) -> None:
         os.kill(fresh.daemon.pid, signal.SIGKILL)
         fresh.daemon.end()
 
-    fresh.start_daemon(_until_ready_or_fault)
+    fresh.start_daemon(started)
     with fresh.client() as client:
         cut = client.request("result", id="cut")["result"]
         assert cut["error"]["name"] == "interrupted"
@@ -59,20 +42,6 @@ def test_from_cold_to_kill_and_back(fresh: Rig) -> None:
         assert fresh.truth()["moving"] is False
     assert fresh.daemon.end() == 0, fresh.daemon.last_words()
     fresh.until(lambda truth: max(truth["white"], truth["red"]) < 0.05, "the lamps went on glowing")
-
-
-def _until_ready_or_fault(process: Process, control: str) -> None:
-    with Client(control, timeout_s=1.0) as client:
-        give_up_s = time.monotonic() + 60.0
-        while time.monotonic() < give_up_s:
-            assert process.alive(), process.last_words()
-            try:
-                status = client.request("status")
-            except TimeoutError:
-                continue
-            if status["fault"] or status["state"] == "idle":
-                return
-            time.sleep(0.05)
 
 
 def test_what_the_drive_manual_leaves_open_is_found_at_start(tmp_path: Path) -> None:
@@ -94,7 +63,7 @@ def test_a_missing_device_is_named_and_the_daemon_goes_on(tmp_path: Path, change
         settings = tmp_path / "station.toml"
         good = settings.read_text()
         settings.write_text(good.replace(change[0] + '"', change[1] + '"'))
-        rig.start_daemon(_until_answering)
+        rig.start_daemon(in_fault)
         with rig.client() as client:
             fault = client.request("status")["fault"]
             assert fault["name"] == name

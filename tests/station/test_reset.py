@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from daemon.client import Client
-from tests.station.rig import EVENTUALLY_S, Rig, running_rig
+from tests.station.rig import EVENTUALLY_S, Rig, running_rig, until_status
 
 RELAY = 5
 """The relay's address on the line."""
@@ -109,7 +109,7 @@ def test_a_doubt_outlives_a_killed_daemon(rig: Rig, client: Client) -> None:
     _hit_a_limit(rig, client, "killed")
     with rig.fault("cable_out"):
         rig.daemon.kill()
-    rig.start_daemon(lambda _process, control: _until_known(control))
+    rig.start_daemon(until_status(lambda status: status["lifecycle"] == "ready"))
     assert client.request("status", timeout_s=60.0)["state"] == "fault"
     assert client.raw(b'{"op": "reset"}')["error"]["name"] == "not_homed"
 
@@ -123,11 +123,3 @@ def _hit_a_limit(rig: Rig, client: Client, job_id: str) -> None:
         result = client.job("place", job_id=job_id, **FAR)
     assert result.error is not None
     assert result.error.name == "limit_hit"
-
-
-def _until_known(control: str) -> None:
-    with Client(control, timeout_s=60.0) as client:
-        give_up_s = time.monotonic() + 60.0
-        while client.request("status").get("lifecycle") != "ready":
-            assert time.monotonic() < give_up_s
-            time.sleep(0.05)
