@@ -99,6 +99,8 @@ def until_status(holds: Callable[[dict[str, Any]], Any]) -> Callable[[Process, s
     return wait
 
 
+answering = until_status(lambda _status: True)
+"""Waits for the first answer, whatever it says."""
 in_fault = until_status(lambda status: status["fault"])
 """Waits for the fault in which a start ends; before that there is none."""
 started = until_status(lambda status: status["fault"] or status["state"] == "idle")

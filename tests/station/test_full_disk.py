@@ -12,9 +12,8 @@ from typing import Any
 import pytest
 
 from daemon.client import Client, Refused, Subscription
-from daemon.tools.demo.processes import Process
 from tests.daemon.storage.small_disk import fill, make_room, small_disk
-from tests.station.rig import EVENTUALLY_S, Rig, running_rig
+from tests.station.rig import EVENTUALLY_S, Rig, answering, running_rig
 
 FAR: dict[str, Any] = {"board_um": [39_000.0, 29_000.0], "theta_deg": 90.0}
 
@@ -84,7 +83,7 @@ def test_a_daemon_killed_on_a_full_disk_starts_in_fault_and_the_job_has_one_resu
         seq = client.request("snapshot")["next_seq"]
         os.kill(rig.daemon.pid, signal.SIGKILL)
         rig.daemon.end()
-        rig.start_daemon(_until_answering)
+        rig.start_daemon(answering)
         with Subscription(rig.events) as events:
             assert events.next(EVENTUALLY_S) is not None
             _wait_for(client, "fault", "journal_failed")
@@ -98,16 +97,3 @@ def test_a_daemon_killed_on_a_full_disk_starts_in_fault_and_the_job_has_one_resu
             assert cut["seq"] > seq
             assert client.job("place", job_id="after", board_um=[0.0, 0.0]).ok
             assert _results(events, "after") == [("cut", "failed"), ("after", "placed")]
-
-
-def _until_answering(process: Process, control: str) -> None:
-    with Client(control, timeout_s=1.0) as client:
-        give_up_s = time.monotonic() + 60.0
-        while time.monotonic() < give_up_s:
-            assert process.alive(), process.last_words()
-            try:
-                client.request("status")
-                return
-            except TimeoutError:
-                continue
-    raise AssertionError(process.last_words())
