@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import importlib
 
-LATE = ("scipy.linalg.lapack", "scipy.special")
+LATE = ("scipy.fft", "scipy.linalg.lapack", "scipy.special")
 
 
 def warm_up() -> None:

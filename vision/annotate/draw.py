@@ -7,17 +7,16 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from vision.annotate.board import BoardLook, board_panel, verdict_on_board
 from vision.annotate.cross import cross_panel, verdict_on_cross
+from vision.annotate.landing import Landing, landing_panel, verdict_on_landing
 from vision.annotate.pads import pads_panel, unsearched_panel, verdict_on_pads
 from vision.annotate.page import PagePanel, page
-from vision.annotate.sheet import crop
 from vision.annotate.tip import click_panel, tip_panel, verdict_on_tip
 from vision.control_point import ControlPoint
 from vision.core import Bgr, NotFound
 from vision.pads import Seen
 from vision.tip import ProbeModel, Tip
-
-__all__ = ["Searched", "crop", "draw_control_point", "draw_look", "draw_test_points", "draw_tip", "draw_untaught"]
 
 
 class Searched(NamedTuple):
@@ -73,6 +72,16 @@ def draw_look(
     panels.append(pads_panel(red_bgr, *searched, tip if isinstance(tip, Tip) else None, None))
     verdicts = [verdict_on_pads(*searched)] if tip else [verdict_on_tip(tip), verdict_on_pads(*searched)]
     return page(" ".join(verdicts), panels, good=bool(tip) and bool(searched.seen))
+
+
+def draw_board(red_bgr: Bgr, look: BoardLook) -> Bgr:
+    """Return a page with CAD over the red image: what was confirmed, contradicted and hidden, and the rivals."""
+    return page(verdict_on_board(look), [board_panel(red_bgr, look)], good=bool(look.answer))
+
+
+def draw_landing(white_bgr: Bgr, landing: Landing) -> Bgr:
+    """Return a page on where the needle would come down: the pad's outline, the place below it, what is left."""
+    return page(verdict_on_landing(landing), [landing_panel(white_bgr, landing)], good=landing.on_metal is not False)
 
 
 def draw_control_point(white_bgr: Bgr, found: ControlPoint | NotFound, around_px: tuple[float, float],

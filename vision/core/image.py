@@ -71,9 +71,11 @@ def red_signal(bgr: Bgr) -> Gray:
     alone has the same image at three times the contrast and about 1.7 times the signal to noise. When red does not
     lead (a gray image, a lamp of another colour) I is the better signal and is returned.
     """
-    blue, green, red = (float(level) for level in cv2.mean(bgr)[:3])
+    # Which colour leads shows in every eighth row as well.
+    few = np.ascontiguousarray(bgr[::8])
+    blue, green, red = (float(level) for level in cv2.mean(few)[:3])
     if red >= 1.5 * max(blue, green):
-        return np.ascontiguousarray(bgr[:, :, 2])
+        return np.asarray(cv2.extractChannel(bgr, 2), dtype=np.uint8)
     return intensity(bgr)
 
 

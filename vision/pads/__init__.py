@@ -1,9 +1,11 @@
 """Search for test points in the red image (TDEA, thesis 5.4)."""
 
-from vision.pads.find import PROBE_MARGIN_PX, Seen, TestPoint, find_test_points
+from vision.pads.confirm import confirm_pad
+from vision.pads.find import PROBE_MARGIN_PX, find_test_points
 from vision.pads.occlusion import probe_hides
 from vision.pads.rule_name import RuleName
 from vision.pads.rules import RULES, Decided, Hole, SeenObject, Verdict
+from vision.pads.seen import Seen, TestPoint
 
 __all__ = [
     "PROBE_MARGIN_PX",
@@ -15,6 +17,7 @@ __all__ = [
     "SeenObject",
     "TestPoint",
     "Verdict",
+    "confirm_pad",
     "find_test_points",
     "probe_hides",
 ]

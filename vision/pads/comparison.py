@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from vision.pads.lettering import MayBeInk
 from vision.pads.rule_name import RuleName
 from vision.pads.rules import LEAST_VISIBLE, WHOLE_VISIBLE, Decided, SeenObject, Verdict, is_round
 
@@ -85,17 +86,20 @@ def angular_after_all(decided: list[Decided], regions: list[Decided]) -> list[De
     return [judged(item) for item in decided]
 
 
-def drawn_after_all(decided: list[Decided], regions: list[Decided]) -> list[Decided]:
-    """Leave undecided a ring round bare board that is half hidden, or as bright as the lettering beside it."""
+def drawn_after_all(decided: list[Decided], regions: list[Decided], may_be_ink: MayBeInk) -> list[Decided]:
+    """Leave undecided what may be ink: a ring round bare board; a disc as even and bright as the lettering round it."""
     ink = [item.object.level for item in (*regions, *decided) if item.rule in INK_RULES]
     usual = float(np.median(ink)) if ink else -np.inf
 
     def judged(item: Decided) -> Decided:
         seen, circle = item.object, item.object.circle
-        if item.verdict is not Verdict.TAKE or circle is None or not seen.ring:
+        if item.verdict is not Verdict.TAKE or circle is None:
             return item
-        doubtful = circle.visible < WHOLE_VISIBLE or abs(usual - seen.level) < INK_LIKENESS * seen.contrast
-        return replace(item, verdict=Verdict.PASS, rule=RuleName.DRAWN_RING) if doubtful else item
+        if seen.ring:
+            alike = abs(usual - seen.level) < INK_LIKENESS * seen.contrast
+            doubtful = circle.visible < WHOLE_VISIBLE or alike
+            return replace(item, verdict=Verdict.PASS, rule=RuleName.DRAWN_RING) if doubtful else item
+        return replace(item, verdict=Verdict.PASS, rule=RuleName.DRAWN_DOT) if may_be_ink(seen) else item
 
     return [judged(item) for item in decided]
 

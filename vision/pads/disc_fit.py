@@ -45,7 +45,8 @@ class DiscFit:
     sigma_px: 1-sigma of each coordinate of the contour's centre, and of the hole's. step: levels by which the disc
     stands above its surroundings; hole_step: by which the hole lies below the disc (0 without one). blur_px: Gaussian
     sigma of the edge; noise: residual scale in levels; agree: share (0..1) of pixels that the model explains; misfit:
-    sum of squared residuals in levels, each bounded, for comparing two models of the same pixels.
+    sum of squared residuals in levels, each bounded, for comparing two models of the same pixels. slope: how much the
+    disc's brightness changes along its radius, over its step.
     """
 
     contour: Contour
@@ -58,6 +59,7 @@ class DiscFit:
     noise: float
     agree: float
     misfit: float
+    slope: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +110,7 @@ def measure_disc(
         noise=noise,
         agree=agree,
         misfit=float(np.sum(np.minimum(np.square(residual), MOST_MISFIT**2))),
+        slope=float(np.hypot(state[FLOOR + 1] + state[STEP + 1], state[FLOOR + 2] + state[STEP + 2]) / state[STEP]),
     )
 
 

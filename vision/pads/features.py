@@ -17,6 +17,10 @@ from vision.pads.window import Window
 HOLE_STEP, LARGE_HOLE_STEP = 0.55, 0.75
 """Measured without its blur a hole lies below its pad by at least this share of the pad's step, in a small pad and in a
 large one; a probe's mark does not."""
+DENT_SHARE, DENT_OFF, DRILL_OFF, DARKER_THAN_BOARD = 0.29, 0.08, 0.15, 1.03
+"""What a probe leaves in a large pad can be as dark as the board. It is narrower than this share of the pad's radius
+and lies anywhere: farther off the middle than the second share where it is no darker than the board (the last share of
+the pad's step), than the third however dark it is. A drill is guided, and shows what is darker than the board."""
 HOLE_EVIDENCE = 30.0
 """The hole of a small pad must explain the pixels better by this much: chi square of four parameters, far out."""
 PLAUSIBLE_RATIO = 0.68
@@ -38,10 +42,10 @@ def describe_disc(window: Window, edgels: Edgels, circle: CircleFit) -> SeenObje
     disc, ring = patch.level[inside & clear], patch.level[around & clear]
     level = quantile(disc, 0.65) if disc.size else 0.0
     floor = quantile(ring, 0.4) if ring.size else window.board_level
-    idea, hole, measured = None, None, None
+    idea, hole, measured, slope = None, None, None, 0.0
     if level > floor and _may_be_a_pad(circle):
         idea = find_hole(window, edgels, circle, patch, level - floor, level)
-        hole, measured = _measure(window, circle, idea)
+        hole, measured, slope = _measure(window, circle, idea)
     body = inside & clear
     # Dark middles that could not be measured, seen obliquely through a thick board, are holes all the same.
     bore = hole or idea
@@ -72,6 +76,7 @@ def describe_disc(window: Window, edgels: Edgels, circle: CircleFit) -> SeenObje
         circle=circle,
         hole=hole,
         distance_px=window.distance_px(circle.x_px, circle.y_px),
+        slope=slope,
     )
 
 
@@ -80,8 +85,8 @@ def _may_be_a_pad(circle: CircleFit) -> bool:
     return circle.coverage >= ROUND_COVERAGE and circle.visible >= LEAST_VISIBLE and circle.ratio > PLAUSIBLE_RATIO
 
 
-def _measure(window: Window, circle: CircleFit, idea: Contour | None) -> tuple[Hole | None, CircleFit | None]:
-    """Measure the disc (and hole) on its pixels; the circle is None where the model does not describe them."""
+def _measure(window: Window, circle: CircleFit, idea: Contour | None) -> tuple[Hole | None, CircleFit | None, float]:
+    """Measure the disc, hole and the slope of its light on its pixels; the circle is None where the model fails."""
 
     def attempt(hole: Contour | None) -> DiscFit | None:
         return measure_disc(
@@ -96,13 +101,15 @@ def _measure(window: Window, circle: CircleFit, idea: Contour | None) -> tuple[H
         plain = attempt(None)
         if plain is not None and plain.misfit - fit.misfit < HOLE_EVIDENCE * fit.noise**2:
             fit = plain
+    elif window.hole_radius_px is None and _is_dent(fit):
+        fit = attempt(None)
     if fit is None:
-        return None, None
+        return None, None, 0.0
     contour = fit.contour
     moved = np.hypot(contour.x_px - circle.x_px, contour.y_px - circle.y_px)
     grown = abs(contour.radius_px - circle.contour.radius_px)
     if max(moved, grown) > max(MOST_REFINED_PX, MOST_REFINED_SHARE * circle.radius_px):
-        return None, None
+        return None, None, 0.0
     radius, ratio, minor = contour.ellipse(window.view)
     better = replace(
         circle,
@@ -116,6 +123,15 @@ def _measure(window: Window, circle: CircleFit, idea: Contour | None) -> tuple[H
         contour=contour,
     )
     if fit.hole is None:
-        return None, better
+        return None, better, fit.slope
     size, _, _ = fit.hole.ellipse(window.view)
-    return Hole(fit.hole.x_px, fit.hole.y_px, size, fit.hole_sigma_px), better
+    return Hole(fit.hole.x_px, fit.hole.y_px, size, fit.hole_sigma_px), better, fit.slope
+
+
+def _is_dent(fit: DiscFit) -> bool:
+    """Tell whether a dark place in a large pad is what a probe left, and no hole."""
+    if fit.hole is None or fit.hole.radius_px > DENT_SHARE * fit.contour.radius_px:
+        return False
+    off = float(np.hypot(fit.hole.x_px - fit.contour.x_px, fit.hole.y_px - fit.contour.y_px))
+    dark = fit.hole_step > DARKER_THAN_BOARD * fit.step
+    return off > (DRILL_OFF if dark else DENT_OFF) * fit.contour.radius_px

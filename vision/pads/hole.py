@@ -14,6 +14,8 @@ HOLE_LEAST, HOLE_LARGEST, HOLE_WANDER = 0.12, 0.62, 0.32
 """A hole's radius as a share of its pad's, and how far a drill wanders; marks are smaller or lie anywhere."""
 HOLE_WITH_EDGE_PX, HOLE_VISIBLE, HOLE_COVERAGE = 3.6, 0.45, 0.55
 """Holes at least this large have a rim to lie on, visible for this share, of which this share shows an edge."""
+DRILL_SHARE, DRILL_SLACK_PX = 0.35, 1.2
+"""A first idea of a hole meets CAD's radius within this share, but at least this many px."""
 RING_SHARE, RING_LIKENESS = 0.44, 0.08
 """A ring's inside is wider than this share of it and as bright as the board to this share of its step."""
 DIP_RADIUS_PX, DIP_SHARE = 10.0, 0.12
@@ -23,7 +25,9 @@ DIP_RADIUS_PX, DIP_SHARE = 10.0, 0.12
 def find_hole(
     window: Window, edgels: Edgels, circle: CircleFit, patch: Patch, step: float, level: float
 ) -> Contour | None:
-    """Return a first idea of the dark hole inside a circle, or None where none is seen."""
+    """Return a first idea of the dark hole inside a circle, or None where none is seen, or where CAD knows of none."""
+    if window.hole_radius_px == 0.0:
+        return None
     # Nearer the rim than this the blur alone is dark.
     inner = 1.0 - 1.2 / circle.radius_px
     seen = patch.free & ~window.maybe_hidden[patch.box]
@@ -42,7 +46,7 @@ def find_hole(
         elif max(region.box[2:]) > 3.0 * radius + 1.0:
             continue
         off_centre = float(np.hypot(idea.x_px - circle.x_px, idea.y_px - circle.y_px)) / circle.radius_px
-        sized = HOLE_LEAST < idea.radius_px / circle.radius_px < HOLE_LARGEST
+        sized = HOLE_LEAST < idea.radius_px / circle.radius_px < HOLE_LARGEST and _as_drilled(window, idea)
         if sized and off_centre < HOLE_WANDER:
             return idea
     return _dip(circle, patch, step) if circle.radius_px < DIP_RADIUS_PX else None
@@ -54,6 +58,12 @@ def is_ring(circle: CircleFit, patch: Patch, hole: Contour | None, floor: float,
         return False
     within = patch.free & (patch.distance_px(hole.x_px, hole.y_px) < 0.7 * hole.radius_px)
     return bool(within.any()) and abs(quantile(patch.level[within]) - floor) < RING_LIKENESS * step
+
+
+def _as_drilled(window: Window, idea: Contour) -> bool:
+    """Tell whether a dark place is as large as the hole CAD knows of; a probe's dent mostly is not."""
+    known = window.hole_radius_px
+    return known is None or abs(idea.radius_px - known) < max(DRILL_SHARE * known, DRILL_SLACK_PX)
 
 
 def _hole_rim(window: Window, edgels: Edgels, idea: Contour) -> Contour | None:

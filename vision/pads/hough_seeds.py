@@ -18,7 +18,15 @@ from vision.core import Edgels, View, quantile
 LEAST_VOTE, LEAST_SHARE = 0.22, 0.38
 """Share of a whole contour that must vote for a place before it is looked at, and that must then lie on one circle."""
 MOST_PEAKS = 7
-"""Places looked at in each band of radii."""
+"""Places looked at in each band of radii if nothing lies near the tip."""
+ZONES = ((0.5, 7), (1.0, 9))
+"""Zones round the tip, as shares of the reach, and how many places are looked at until each is done: in a field of vias
+the nearest are proposed whatever lies beyond."""
+LEAST_BEYOND = 3
+"""So many are looked at beyond, whatever lies near: they tell how bright metal is here."""
+ROOM_PX = 5.0
+"""So far beyond the reach a pad still counts: its hole may lie nearer, and two that are as near are ambiguous."""
+NEIGHBOURS = np.ones((5, 5), dtype=np.uint8)
 LEAST_POINTS, SMALL_PX = 6, 9.0
 """Fewer edge points make no circle; circles up to this radius are told apart by 3 px, larger ones by 5."""
 MOST_RADII, SECOND_SHARE = 2, 0.5
@@ -37,14 +45,23 @@ class Seed:
     share: float
 
 
-def seeds(edgels: Edgels, shape: tuple[int, int], bands_px: Iterable[tuple[float, float]], view: View) -> list[Seed]:
+def seeds(
+    edgels: Edgels,
+    shape: tuple[int, int],
+    bands_px: Iterable[tuple[float, float]],
+    view: View,
+    around_px: tuple[float, float] = (0.0, 0.0),
+    reach_px: float = 0.0,
+) -> list[Seed]:
     """Return bright discs proposed in an image of `shape` (H, W), for each band (least, most radius), best first.
 
-    Of circles about one centre the outermost comes first: what lies inside of a disc belongs to it.
+    around_px, reach_px: what lies within that reach of that point is proposed first, the nearest before all, and only
+    then the strongest of the rest. Of circles about one centre the outermost comes first: what lies inside of a disc
+    belongs to it.
     """
     if edgels.x_px.size < LEAST_POINTS:
         return []
-    on_board = _Board(edgels, shape, view)
+    on_board = _Board(edgels, shape, view, around_px, reach_px)
     groups = [group for band in bands_px for group in on_board.peaks(*band)]
     groups.sort(key=lambda group: -max(seed.share for seed in group))
     return [seed for group in groups for seed in sorted(group, key=lambda seed: -seed.radius_px)]
@@ -53,7 +70,9 @@ def seeds(edgels: Edgels, shape: tuple[int, int], bands_px: Iterable[tuple[float
 class _Board:
     """The edge points laid flat on the board, where circles are circles."""
 
-    def __init__(self, edgels: Edgels, shape: tuple[int, int], view: View) -> None:
+    def __init__(
+        self, edgels: Edgels, shape: tuple[int, int], view: View, around_px: tuple[float, float], reach_px: float
+    ) -> None:
         linear = view.flattening().astype(np.float32)
         corners = np.array([[0, shape[1], 0, shape[1]], [0, 0, shape[0], shape[0]]], dtype=np.float32)
         spread = linear @ corners
@@ -65,23 +84,49 @@ class _Board:
         # Slopes turn by the inverse transposed; the stretch is symmetric.
         aims = self.unflattening.astype(np.float32) @ np.stack([edgels.toward_x, edgels.toward_y])
         self.aims = aims / np.hypot(aims[0], aims[1])
+        self.middle = linear @ np.array(around_px, dtype=np.float32) - self.origin
+        self.reach = (reach_px + ROOM_PX) / view.ratio
 
     def peaks(self, least_px: float, most_px: float) -> list[list[Seed]]:
         """Return the places most edge points aim at, each with its one or two circles."""
         votes = self._vote(least_px, most_px)
         found: list[list[Seed]] = []
-        for _ in range(MOST_PEAKS):
+        asked = 0
+        tops = self._near_tops(votes)
+        for until, places in tops:
+            for y, x in places:
+                if asked == until:
+                    break
+                if votes[y, x] >= LEAST_VOTE:
+                    asked += 1
+                    found += self._ended(votes, x, y, least_px, most_px)
+        for _ in range(max(MOST_PEAKS - asked, LEAST_BEYOND)):
             y, x = divmod(int(np.argmax(votes)), self.width)
             if votes[y, x] < LEAST_VOTE:
                 break
-            shown = [item for item in self._radii(float(x), float(y), least_px, most_px) if item[1] >= LEAST_SHARE]
-            # A found circle's neighbourhood points at it too; pads that touch are two radii apart.
-            done = 0.7 * max(radius for radius, _ in shown) if shown else 0.35 * least_px
-            cv2.circle(votes, (x, y), max(int(done), 2), (0.0,), -1)
-            at = self.unflattening @ (np.array([x, y]) + self.origin)
-            if shown:
-                found.append([Seed(float(at[0]), float(at[1]), radius, share) for radius, share in shown])
+            found += self._ended(votes, x, y, least_px, most_px)
         return found
+
+    def _near_tops(self, votes: NDArray[np.float32]) -> list[tuple[int, list[list[int]]]]:
+        """Return for each zone until how many places are asked there, and its places (row, column), most votes first.
+
+        A place has the most votes among its neighbours: the slope of another, cut off by the zone's border, is none.
+        """
+        rows, columns = np.nonzero((votes >= LEAST_VOTE) & (votes >= cv2.dilate(votes, NEIGHBOURS)))
+        order = np.argsort(-votes[rows, columns], kind="stable")
+        rows, columns = rows[order], columns[order]
+        away = np.hypot(columns - self.middle[0], rows - self.middle[1])
+        zones = [(until, away < share * self.reach) for share, until in ZONES]
+        return [(until, np.stack([rows[near], columns[near]], axis=1).tolist()) for until, near in zones]
+
+    def _ended(self, votes: NDArray[np.float32], x: int, y: int, least_px: float, most_px: float) -> list[list[Seed]]:
+        """Return the circles about a place, and take the votes round it away."""
+        shown = [item for item in self._radii(float(x), float(y), least_px, most_px) if item[1] >= LEAST_SHARE]
+        # A found circle's neighbourhood points at it too; pads that touch are two radii apart.
+        done = 0.7 * max(radius for radius, _ in shown) if shown else 0.35 * least_px
+        cv2.circle(votes, (x, y), max(int(done), 2), (0.0,), -1)
+        at = self.unflattening @ (np.array([x, y]) + self.origin)
+        return [[Seed(float(at[0]), float(at[1]), radius, share) for radius, share in shown]] if shown else []
 
     def _vote(self, least_px: float, most_px: float) -> NDArray[np.float32]:
         """Return (H, W) shares of a contour that point at each place from between the two radii."""

@@ -15,6 +15,8 @@ from vision.pads.window import Window
 CLASSES = 4
 LEAST_STEP = 25.0
 """Brightness classes this little above the board are solder mask and what lies under it."""
+PEAK_SHARE = 0.93
+"""A thin stroke is as bright as it is only along its middle, and the brightest pixels of all are noise."""
 LEAST_LISTED_PX = 9
 """Objects smaller than this are noise and not even listed."""
 
@@ -47,6 +49,7 @@ def _describe(window: Window, region: Component) -> SeenObject:
     rows, columns = np.nonzero(mask)
     at = x + float(np.mean(columns)), y + float(np.mean(rows))
     level = quantile(window.smooth[y : y + height, x : x + width][mask])
+    peak = quantile(window.clean[y : y + height, x : x + width][mask], PEAK_SHARE)
     floor, cut = _surroundings(window, region)
     in_needle = float(np.mean(window.maybe_hidden[y : y + height, x : x + width][mask]))
     return SeenObject(
@@ -68,6 +71,7 @@ def _describe(window: Window, region: Component) -> SeenObject:
         circle=None,
         hole=None,
         distance_px=window.distance_px(*at),
+        peak=peak,
     )
 
 

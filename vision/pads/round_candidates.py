@@ -36,24 +36,31 @@ AGREE_PX = 0.1
 """Two measurements of one circle agree to this, px, and three sigma."""
 NEARLY_ROUND = 0.62
 """A circle with edge on this share of its visible contour is not thrown with the region it lies in."""
+MUCH_LARGER = 1.6
+"""A circle so much larger than another is not the same thing once more."""
 TOUCH_SHARE = 1.25
 """Circles touch whose centres are nearer than this share of the sum of their radii."""
 TOUCHING_PX = 2
 """What lies this near a whole circle is the other's blur."""
 
 
-def round_objects(window: Window, edgels: Edgels, wanted: Wanted) -> list[SeenObject]:
+def round_objects(
+    window: Window, edgels: Edgels, wanted: Wanted, proposed: Iterable[Contour] | None = None
+) -> list[SeenObject]:
     """Return the circles found in the window with their features, each thing once.
+
+    proposed: where to look; None for wherever the edge points say.
 
     This is the thesis' "place a circle, blacken, repeat" (5.4.3): touching pads and pads with a trace come apart, and
     what is inside a whole disc is not asked about again.
     """
-    bands = [(max(0.8 * low, 3.5), 1.25 * high) for low, high in wanted.radii_px]
+    if proposed is None:
+        proposed = _proposed(window, edgels, wanted)
     found: list[SeenObject] = []
-    for seed in seeds(edgels, window.shape, bands, window.view):
+    for seed in proposed:
         if any(_within((seed.x_px, seed.y_px), whole.circle) for whole in found if _whole(whole)):
             continue
-        circle = _fit(window, edgels, Contour(seed.x_px, seed.y_px, seed.radius_px))
+        circle = _fit(window, edgels, seed)
         if circle is None or circle.coverage < LISTED_COVERAGE or any(_same(circle, other.circle) for other in found):
             continue
         seen = describe_disc(window, edgels, circle)
@@ -66,6 +73,12 @@ def round_objects(window: Window, edgels: Edgels, wanted: Wanted) -> list[SeenOb
     done = blackened(window, [seen for seen in found if _whole(seen)])
     kept = [seen for seen in found if _whole(seen) or _nearly_round(seen) or not _part_of_larger(window, seen, done)]
     return [_in_frame(seen, window) for seen in kept]
+
+
+def _proposed(window: Window, edgels: Edgels, wanted: Wanted) -> list[Contour]:
+    bands = [(max(0.8 * low, 3.5), 1.25 * high) for low, high in wanted.radii_px]
+    found = seeds(edgels, window.shape, bands, window.view, window.around_px, window.reach_px)
+    return [Contour(seed.x_px, seed.y_px, seed.radius_px) for seed in found]
 
 
 def blackened(window: Window, discs: Iterable[SeenObject], margin_px: int = 3) -> NDArray[np.uint8]:
@@ -188,7 +201,11 @@ def _within(at_px: tuple[float, float], circle: CircleFit | None) -> bool:
 
 
 def _same(one: CircleFit, other: CircleFit | None) -> bool:
+    """Tell whether a new circle is only another found one once more."""
     if other is None:
+        return False
+    # A glint lies on its pad: the pad is asked about all the same, and ends what was found inside of it.
+    if one.radius_px > MUCH_LARGER * other.radius_px:
         return False
     apart = float(np.hypot(one.x_px - other.x_px, one.y_px - other.y_px))
     return apart < 0.6 * max(one.radius_px, other.radius_px)

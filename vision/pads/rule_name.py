@@ -29,6 +29,8 @@ class RuleName(StrEnum):
     """Every rule passed."""
     DRAWN_RING = "drawn_ring"
     """Left undecided: a ring round bare board, half hidden or as bright as the lettering beside it."""
+    DRAWN_DOT = "drawn_dot"
+    """Left undecided: a disc without a hole, as even and as bright as the lettering beside it."""
     OVERLAPPING = "overlapping"
     """Left undecided: it was taken, and so was something that overlaps it."""
     OVERLAPPED = "overlapped"

@@ -31,6 +31,10 @@ EXPECTED_SHARE, EXPECTED_SLACK_PX = 0.12, 1.0
 """A CAD radius is met within this share (but at least this many px)."""
 FAINT_CONTRAST = 35.0
 """Less than this above its surroundings is a trace under the mask, not metal."""
+COVERED_SHARE, MOST_COVERED = 0.85, 55.0
+"""Copper under the mask is brighter than the mask by up to this share of it, and by no more levels than that."""
+ON_METAL_SHARE = 0.4
+"""Of a highlight on metal the surroundings lie above the board by this share of its own level above the board."""
 ROUND_COVERAGE, HIDDEN_COVERAGE, LEAST_VISIBLE = 0.67, 0.72, 0.50
 """A contour is a circle if edges lie on this share of what is visible of it, more if part of it is hidden, and enough
 of it is visible."""
@@ -91,7 +95,9 @@ class SeenObject:
     level, contrast: its median brightness, and that above its surroundings. neck: width of the widest bright thing that
     goes on beyond its circle, over the circle's diameter (0 = nothing). in_needle: share of it where an unknown probe
     may be. ring: its hole is wide and shows the board, as in a drawn circle. dark_middle: something dark and round lies
-    in its middle, a hole though it may be too small to be measured. circle, hole: measured on raw pixels.
+    in its middle, a hole though it may be too small to be measured. circle, hole: measured on raw pixels. slope: how
+    much the brightness changes along the radius, over the disc's step (0 until measured). peak: of what is no disc,
+    how bright its brightest parts are.
     """
 
     x_px: float
@@ -112,15 +118,21 @@ class SeenObject:
     circle: CircleFit | None
     hole: Hole | None
     distance_px: float
+    slope: float = 0.0
+    peak: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """Hold what the rules look for: CAD's radius or None for the thesis' classes; the brightest round thing seen."""
+    """Hold what the rules look for: CAD's radius or None for the thesis' classes; the brightest round thing seen.
+
+    board_level: brightness of the bare board, None where it is not known.
+    """
 
     expected_radius_px: float | None
     brightest_level: float
     brightest_contrast: float = 0.0
+    board_level: float | None = None
 
     @property
     def radii_px(self) -> tuple[tuple[float, float], ...]:
@@ -153,8 +165,14 @@ def small(seen: SeenObject, _wanted: Wanted) -> Verdict:
 
 
 def faint(seen: SeenObject, _wanted: Wanted) -> Verdict:
-    """Throw what hardly stands out: traces under the solder mask, texture."""
-    return Verdict.THROW if seen.contrast < FAINT_CONTRAST else Verdict.PASS
+    """Throw what hardly stands out: copper under the solder mask, texture.
+
+    Copper under the mask is brighter than the mask by a share of the mask's own light. CAD's radius makes no
+    exception: a via under the mask has it as well.
+    """
+    floor = seen.level - seen.contrast
+    covered = min(COVERED_SHARE * floor, MOST_COVERED)
+    return Verdict.THROW if seen.contrast < max(FAINT_CONTRAST, covered) else Verdict.PASS
 
 
 def thin(seen: SeenObject, _wanted: Wanted) -> Verdict:
@@ -328,7 +346,16 @@ def sound(seen: SeenObject, wanted: Wanted) -> bool:
     least_ratio = LEAST_RATIO if seen.circle.coverage >= CLEAR_COVERAGE else DOUBTFUL_RATIO
     shaped = seen.circle.ratio >= least_ratio and not _square(seen.circle) and seen.fill >= LEAST_FILL
     clean = seen.circle.noise < MOST_NOISE
-    return alone and sized and shaped and clean and not _dull(seen, seen.circle, wanted)
+    bare = not _on_metal(seen, wanted)
+    return alone and sized and shaped and clean and bare and not _dull(seen, seen.circle, wanted)
+
+
+def _on_metal(seen: SeenObject, wanted: Wanted) -> bool:
+    """Tell whether an object is a highlight on something bright: a pad stands before the board, not before metal."""
+    if wanted.board_level is None:
+        return False
+    floor = seen.level - seen.contrast - wanted.board_level
+    return floor > max(ON_METAL_SHARE * (seen.level - wanted.board_level), FAINT_CONTRAST)
 
 
 def _square(circle: CircleFit) -> bool:

@@ -20,7 +20,8 @@ class Window:
     clean: uint8, spikes removed, else as taken; raw: the same as float32; smooth: median-filtered, for shapes only.
     hidden: what the probe covers. maybe_hidden: where a probe of which nothing is known may stand (all false when the
     probe is known). x_px, y_px: pixel (0, 0) in the image; board_level: brightness of the bare board; around_px: the
-    tip, in the window's pixels.
+    tip, in the window's pixels; reach_px: how far from it pads are looked for;
+    hole_radius_px: the holes CAD knows of in the pads looked for, 0 for none, None when it is not known.
     """
 
     clean: Gray
@@ -32,7 +33,9 @@ class Window:
     y_px: int
     board_level: float
     around_px: tuple[float, float]
+    reach_px: float
     view: View
+    hole_radius_px: float | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -44,7 +47,14 @@ class Window:
         return float(np.hypot(x_px - self.around_px[0], y_px - self.around_px[1]))
 
 
-def open_window(plane: Gray, corner: tuple[int, int], around_px: tuple[float, float], view: View) -> Window:
+def open_window(
+    plane: Gray,
+    corner: tuple[int, int],
+    around_px: tuple[float, float],
+    reach_px: float,
+    view: View,
+    hole_radius_px: float | None = None,
+) -> Window:
     """Prepare a window (H, W) uint8 whose top-left pixel is `corner`, nothing in it hidden."""
     clean = despike(np.ascontiguousarray(plane))
     smooth = median(clean, 3)
@@ -61,7 +71,9 @@ def open_window(plane: Gray, corner: tuple[int, int], around_px: tuple[float, fl
         y_px=corner[1],
         board_level=board,
         around_px=around,
+        reach_px=reach_px,
         view=view,
+        hole_radius_px=hole_radius_px,
     )
 
 

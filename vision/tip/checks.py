@@ -11,23 +11,20 @@ from vision.tip.measure import MeasuredTip
 from vision.tip.probe_model import ProbeModel
 from vision.tip.shade import shade_px
 from vision.tip.side_checks import check_sides
+from vision.tip.straight import check_straight
 from vision.tip.strip import upper_median
 from vision.tip.verdicts import blurred, no_marking, wrong
 
 LEAST_SUPPORT = 0.5
 """Share of the calipers that must lie on the fitted silhouette."""
-TURNED_LEAD, DOUBTFUL_LEAD, LEAST_TURN_DEG, LEAST_SHOWN_STRAIGHT = 0.25, 0.1, 3.5, 0.38
-"""A taper that shows both edges on so much more of its length (0..1) elsewhere than straight ahead is turned there; one
-that shows fewer than the least straight ahead may point anywhere. Smaller turns are left to the fit."""
 MOST_METAL_BEYOND = 0.9
 """Share of the cylinder's length along which it may be as bright beyond its edge as within."""
 SAME_GROUND = 0.6
 """Beside the marking a bright ground is at least so bright, as a share of what it is beside the metal."""
 # How far things may differ from what was taught before the probe counts as another or as damaged.
 TURN_LIMIT_DEG = 4.0
-BEND_LIMIT_PX = 2.0
-BEND_CERTAIN_SIGMAS = 4.0
-WIDTH_LIMIT_PX = 1.5
+WIDTH_LIMIT_PX, BLUNT_WIDTH_LIMIT_PX = 1.5, 0.8
+"""Of a blunt needle there is no taper to tell that a highlight was taken for one of its edges."""
 MARKING_LENGTH_LIMIT_PX = 2.5
 SHIFTED_MARKING_LIMIT_PX, SHIFTED_BETWEEN_GROUNDS_PX = 3.5, 4.5
 SHADE_LIMIT_PX, LEAST_SHADE_SHARE = 3.0, 0.35
@@ -52,30 +49,6 @@ def check_direction(angle_rad: float, model: ProbeModel) -> NotFound | None:
     return NotFound(
         Reason.BENT, f"the needle is turned by {turn:+.1f} degrees against the taught one: straighten or replace it"
     )
-
-
-def check_straight(probe: MeasuredTip, _: ProbeModel) -> NotFound | None:
-    """Return why the taper does not point where the cylinder does, or None."""
-    turn, free = probe.turn, probe.free
-    if turn.turned > turn.straight + TURNED_LEAD and abs(turn.turn_deg) >= LEAST_TURN_DEG:
-        return NotFound(
-            Reason.BENT,
-            f"the taper is not where the cylinder points: it is turned by {turn.turn_deg:+.1f} degrees: "
-            "replace the needle",
-        )
-    certain = abs(free.bend_px) > BEND_CERTAIN_SIGMAS * free.bend_sigma_px
-    if abs(free.bend_px) > BEND_LIMIT_PX and certain:
-        return NotFound(
-            Reason.BENT,
-            f"the taper's axis misses the cylinder's by {free.bend_px:+.1f} px at the end: replace the needle",
-        )
-    shown = (turn.edges + _taper_support(probe)) / 2.0
-    if shown < LEAST_SHOWN_STRAIGHT:
-        fact = f"the taper shows on only {100 * shown:.0f} % of its length where the cylinder points"
-        if turn.turned > turn.straight + DOUBTFUL_LEAD:
-            return NotFound(Reason.BENT, f"{fact}, more of it elsewhere: straighten or replace the needle")
-        return wrong(fact)
-    return None
 
 
 def first_problem(probe: MeasuredTip, model: ProbeModel) -> NotFound | None:
@@ -109,18 +82,12 @@ def check_marking(probe: MeasuredTip, model: ProbeModel) -> NotFound | None:
     return None
 
 
-def _taper_support(probe: MeasuredTip) -> float:
-    """Return the share (0..1) of the taper's calipers whose edge lies on the fit."""
-    used = probe.points.on_taper & (probe.axis.weights > 0.3)
-    return float(np.count_nonzero(used)) / max(probe.points.offered_on_taper, 1)
-
-
 def check_shape(probe: MeasuredTip, model: ProbeModel) -> NotFound | None:
     """Return why the silhouette is not the taught one, or None."""
     axis = probe.axis
     if axis.support < LEAST_SUPPORT:
         return wrong(f"only {100 * axis.support:.0f} % of the edge points lie on the taught silhouette")
-    if abs(axis.cylinder_wider_px) > WIDTH_LIMIT_PX:
+    if abs(axis.cylinder_wider_px) > (WIDTH_LIMIT_PX if model.shape.tapers else BLUNT_WIDTH_LIMIT_PX):
         return NotFound(
             Reason.WRONG_NEEDLE,
             f"the needle is {2 * axis.cylinder_wider_px:+.1f} px wider than the taught one: teach this needle",
@@ -204,8 +171,11 @@ def _moved(probe: MeasuredTip, model: ProbeModel) -> tuple[float, float]:
     A bright ground or more blur makes taper and cylinder look wider or narrower alike: the cylinder tells by how much.
     Half a pixel of width is 3 px of place, so edges of taper and cylinder are compared before grounds that are both
     darker, or both brighter, than the metal, and where too few are, before both, which tells less. Both sides must say
-    it: a moved marking shows on both, a line of silkscreen beside the probe on one. 0 when unknown.
+    it: a moved marking shows on both, a line of silkscreen beside the probe on one. 0 when unknown, as it is of a blunt
+    needle: as wide all along, its width tells nothing of a place on it.
     """
+    if not model.shape.tapers:
+        return 0.0, SHIFTED_MARKING_LIMIT_PX
     points, axis = probe.points, probe.axis
     beyond = points.side * (points.v_px - axis.a_px - axis.b * points.u_px - points.taught_px)
     sides, limit = [], SHIFTED_MARKING_LIMIT_PX

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from vision.core import Bgr, Gray, Line, NotFound, Reason, check_bgr, check_exposure, despike, gray
+from vision.core import Bgr, Floats, Gray, Line, NotFound, Reason, check_bgr, check_exposure, despike, gray
 from vision.tip.checks import check_direction, first_problem
 from vision.tip.diagnosis import name_it
 from vision.tip.glint import without_glint
@@ -27,16 +27,19 @@ DARK_LEVEL = 12.0
 """A lit board or base plate is brighter than this; the probe may be missing, so it is not asked."""
 LEAST_VOTE = 0.35
 """Share of the calipers that must find the taught silhouette before anything is measured."""
-SYSTEMATIC_SIGMA_PX = 0.1
-"""What stays of errors the fit cannot see: the teaching's own noise, interpolation, light across the probe."""
+ALONG_SIGMA_PX, ACROSS_SIGMA_PX, BLUNT_ACROSS_SIGMA_PX = 0.08, 0.14, 0.18
+"""What stays of errors the fit cannot see, along the probe (interpolation, the rim's own form) and across it (light
+from another side, and the teaching's own noise at the end of a long lever), more where no taper holds the axis."""
 
 
 @dataclass(frozen=True, slots=True)
 class Tip:
     """Hold the probe's end and what was measured on the way.
 
-    x_px, y_px: the end; angle_rad: direction of the probe towards it; sigma_px: honest 1-sigma of each coordinate.
-    edges: L1 (found from the right) and L2 (from the left); intersection_px: where they would meet (eq. 5.7);
+    x_px, y_px: the end; angle_rad: direction of the probe towards it; sigma_px: honest 1-sigma of each coordinate, the
+    mean of sigma_along_px and sigma_across_px, which are those along the probe and across it (0 where not measured).
+    edges: L1 (found from the right) and L2 (from the left); intersection_px: where they would meet (eq. 5.7), of a
+    blunt needle, whose edges do not, the end;
     rim1_px, rim2_px: upper and lower rim of the marking on the bisector; score: correlation with the golden template;
     marking_contrast: 0..1; width_px: of the cylinder; bend_px: how far taper and cylinder disagree at the end;
     sharpness: steepest slope of the lower rim over its step, 1/px (it falls as the image blurs); edge_support: share
@@ -58,6 +61,15 @@ class Tip:
     sharpness: float
     edge_support: float
     shape: ProbeShape
+    sigma_along_px: float = 0.0
+    sigma_across_px: float = 0.0
+
+    @property
+    def covariance_px2(self) -> Floats:
+        """Return the covariance (2, 2) of the end's x and y, px^2; zero where it was not measured."""
+        c, s = np.cos(self.angle_rad), np.sin(self.angle_rad)
+        turn = np.array([[c, -s], [s, c]])
+        return np.asarray(turn @ np.diag([self.sigma_along_px**2, self.sigma_across_px**2]) @ turn.T)
 
 
 def find_tip(white_bgr: Any, model: ProbeModel) -> Tip | NotFound:
@@ -122,18 +134,20 @@ def _conclude(probe: MeasuredTip, match: TemplateMatch, model: ProbeModel) -> Ti
     x, y = strip.to_image(end_u, axis.v_px(end_u))
     lever = np.array([1.0, end_u])
     across = float(lever @ axis.covariance @ lever)
-    sigma = float(np.sqrt((across + rim2.sigma_px**2) / 2.0 + SYSTEMATIC_SIGMA_PX**2))
+    along = float(np.hypot(rim2.sigma_px, ALONG_SIGMA_PX))
+    aside = float(np.sqrt(across + (ACROSS_SIGMA_PX if shape.tapers else BLUNT_ACROSS_SIGMA_PX) ** 2))
     half, slope = shape.end_half_px + axis.taper_wider_px, shape.taper_slope
+    meet_u = half / slope if shape.tapers else end_u
     cylinder = shape.cylinder_half_px + axis.cylinder_wider_px
     measured = ProbeShape(shape.end_to_rim_px, rim2.u_px - probe.rim1_u_px, half, slope, cylinder)
     return Tip(
         x_px=x,
         y_px=y,
         angle_rad=strip.angle_rad + float(np.arctan(axis.b)),
-        sigma_px=sigma,
+        sigma_px=float(np.sqrt((along**2 + aside**2) / 2.0)),
         score=match.score,
         edges=(_edge_line(probe, measured, -1.0), _edge_line(probe, measured, 1.0)),
-        intersection_px=strip.to_image(half / slope, axis.v_px(half / slope)),
+        intersection_px=strip.to_image(meet_u, axis.v_px(meet_u)),
         rim1_px=strip.to_image(probe.rim1_u_px, axis.v_px(probe.rim1_u_px)),
         rim2_px=strip.to_image(rim2.u_px, axis.v_px(rim2.u_px)),
         marking_contrast=probe.contrast,
@@ -142,6 +156,8 @@ def _conclude(probe: MeasuredTip, match: TemplateMatch, model: ProbeModel) -> Ti
         sharpness=probe.sharpness,
         edge_support=axis.support,
         shape=measured,
+        sigma_along_px=along,
+        sigma_across_px=aside,
     )
 
 

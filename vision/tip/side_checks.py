@@ -60,6 +60,8 @@ def _one_sided(probe: MeasuredTip, model: ProbeModel) -> NotFound | None:
     if loose is None:
         return wrong(f"{fact} too little is seen")
     wider = loose.taper_wider_px - loose.cylinder_wider_px
+    if not model.shape.tapers:
+        return _one_sided_cylinder(probe)
     moved = wider / model.shape.taper_slope - probe.rim2.u_px - model.h_px
     if abs(moved) > ONE_SIDED_MOVED_PX:
         return wrong(f"{fact} the marking sits {moved:+.1f} px from where it was taught")

@@ -21,6 +21,8 @@ END_CLEARANCE_PX = 25
 RIM_CLEARANCE_PX = 22
 CYLINDER_LENGTH_PX = 130
 EDGE_SIGMA_PX = 0.8
+LEAST_TAPER = 0.02
+"""A probe that narrows by less, px per px, is blunt."""
 GROUND_SHARE, LEAST_GROUND = 0.05, 4.0
 """Levels this far above black, as a share of the brightest, are compared by ratio: below lies noise."""
 _NEXT, _BESIDE = np.ones((1, 3), dtype=np.uint8), np.ones((1, 5), dtype=np.uint8)
@@ -30,7 +32,8 @@ _NEXT, _BESIDE = np.ones((1, 3), dtype=np.uint8), np.ones((1, 5), dtype=np.uint8
 class ProbeShape:
     """Tell the probe's sizes: half widths grow from `end_half_px` by `taper_slope` px per px up to the marking.
 
-    A summary of the taught `Silhouette` by a straight taper; what is measured is measured against the silhouette.
+    A summary of the taught `Silhouette` by a straight taper; what is measured is measured against the silhouette. A
+    blunt needle (round, flat, cupped, crowned) does not narrow: its slope is 0, or negative where its head is wider.
     """
 
     end_to_rim_px: float
@@ -43,6 +46,11 @@ class ProbeShape:
         """Return the half width at `u_px` (0 = end, negative towards the barrel), px."""
         taper = self.end_half_px - self.taper_slope * u_px
         return np.where(u_px < -self.end_to_rim_px, self.cylinder_half_px, taper)
+
+    @property
+    def tapers(self) -> bool:
+        """Whether it narrows enough for its width to tell where along it a place is."""
+        return self.taper_slope > LEAST_TAPER
 
     @property
     def length_px(self) -> float:

@@ -18,7 +18,7 @@ from vision.tip.marking_rim import join_rim, marking_levels, rim_columns, rim_pl
 from vision.tip.outline import RoughOutline, rough_probe
 from vision.tip.shade import dim_side, taught_shade_px
 from vision.tip.silhouette import Silhouette, caliper_rows
-from vision.tip.strip import ProbeShape, ProbeStrip, across_slope, middle_profile, straighten, upper_median
+from vision.tip.strip import ProbeShape, ProbeStrip, across_slope, straighten, upper_median
 
 AXIS_HINT_RAD = float(np.arctan2(232.0, 119.0))
 """The probe comes into view from the upper left; teaching looks this far to either side of that direction."""
@@ -34,6 +34,14 @@ BY_LEVEL, BY_RATIO = (False, False), (True, True)
 """Whether the left and the right edge are looked for by ratio (see `across_slope`)."""
 SAME_AXIS_PX = 0.3
 """Edges found by level and by ratio lie about the same axis when no farther apart at either end."""
+MOST_WIDER_PX, MOST_HEAD_PX = 1.0, 8.0
+"""How much wider than the cylinder the taper may be, and the head of a blunt needle, on both sides alike."""
+END_ROWS = 5
+"""The last rows of the taper: how wide a blunt needle is."""
+END_WIDTH_SHARE, END_LEVEL = 0.6, 0.75
+"""The end is looked for within this share of the needle's half width; its level and that beyond are this quantile."""
+HEAD_FROM_PX, HEAD_TO_PX, HEAD_SHARE, LEAST_HEAD_PX = 22, 4, 0.7, 1.2
+"""Where before the end a wider head is looked for, and what of its rows is as wide or narrower."""
 LEAST_RIM_STRENGTH, LEAST_RIM_AGREEMENT = 8.0, 0.5
 
 
@@ -155,10 +163,13 @@ def _conclude(strip: ProbeStrip, rough: RoughOutline, outline: Silhouette, click
             f"the given end lies {abs(across):.1f} px beside the needle's measured axis (at most "
             f"{CLICK_REACH_PX:.0f}): click the very end again, before a dark, quiet background"
         )
-    _check_end(strip, along)
+    _check_end(strip, along, float(np.mean(outline.half_px[-END_ROWS:])))
     rim1_u, rim2_u, form = _rims(strip, rough, outline)
     metal, dark = marking_levels(strip, (0.0, 0.0), rim1_u, rim2_u)
     shape, outline = _sizes(outline, along, rim1_u, rim2_u)
+    if not shape.tapers:
+        head = _head_wider_px(strip, along, shape.end_half_px)
+        shape = replace(shape, end_half_px=shape.end_half_px + head, taper_slope=-head / shape.end_to_rim_px)
     x, y = strip.to_image(along, 0.0)
     return Taught(
         x_px=x,
@@ -172,15 +183,39 @@ def _conclude(strip: ProbeStrip, rough: RoughOutline, outline: Silhouette, click
     )
 
 
-def _check_end(strip: ProbeStrip, end_u_px: float) -> None:
-    """Raise ValueError unless the metal ends near the given point."""
-    values, at = middle_profile(strip, (0.0, 0.0), 1), round(end_u_px) - strip.u_from_px
-    metal, beyond = upper_median(values[at - 16 : at - 6]), upper_median(values[at + 6 : at + 16])
+def _check_end(strip: ProbeStrip, end_u_px: float, half_px: float) -> None:
+    """Raise ValueError unless the metal ends near the given point.
+
+    A crown or a cup has a gap on its axis and metal beside it; beyond the end there is none on either.
+    """
+    at, reach = round(end_u_px) - strip.u_from_px, max(round(END_WIDTH_SHARE * half_px), 1)
+    columns = strip.pixels[:, strip.reach_px - reach : strip.reach_px + reach + 1]
+    levels = (np.median(columns[at + near : at + near + 10], axis=0) for near in (-16, 6))
+    metal, beyond = (float(np.quantile(level, END_LEVEL)) for level in levels)
     if metal < 1.15 * beyond + 6.0:
         raise ValueError(
             f"the needle does not end at the given point: it is as bright beyond ({beyond:.0f} of 255) as before it "
             f"({metal:.0f}); click the very end, before a dark, quiet background"
         )
+
+
+def _head_wider_px(strip: ProbeStrip, end_u_px: float, half_px: float) -> float:
+    """Return how much wider than `half_px` the last rows before the end are: the head of a crown, 0 for none."""
+    at = round(end_u_px) - strip.u_from_px
+    rows = strip.pixels[at - HEAD_FROM_PX : at - HEAD_TO_PX]
+    inner = rows[:, strip.reach_px - round(half_px / 2) : strip.reach_px + round(half_px / 2) + 1]
+    ground = strip.pixels[at + 6 : at + 16]
+    bright = rows > (float(np.median(inner)) + float(np.median(ground))) / 2.0
+    reach = min(strip.reach_px, round(2.0 * half_px) + 6)
+    sides = []
+    for side in (-1, 1):
+        line = bright[:, strip.reach_px : strip.reach_px + side * reach : side]
+        # Up to the first column outside of the shaft that is dark: what lies beyond is no head.
+        outside = ~line[:, round(half_px) - 1 :]
+        width = np.where(outside.any(axis=1), np.argmax(outside, axis=1), outside.shape[1])
+        sides.append(float(np.quantile(width + round(half_px) - 1, HEAD_SHARE)))
+    wider = min(sides) - half_px
+    return wider if wider > LEAST_HEAD_PX else 0.0
 
 
 def _rims(strip: ProbeStrip, rough: RoughOutline, outline: Silhouette) -> tuple[float, float, Floats]:
@@ -224,21 +259,22 @@ def _sizes(outline: Silhouette, end_u_px: float, rim1_u_px: float, rim2_u_px: fl
     taper_u, taper = u[final.on_taper], final.half_px[final.on_taper]
     narrowing = taper < 0.93 * cylinder
     if np.count_nonzero(narrowing) < 5:
-        raise ValueError("no taper is seen between the marking and the given end: click the very end of the needle")
+        _check_axis(final, cylinder, MOST_HEAD_PX)
+        return ProbeShape(h, marking, float(np.mean(taper[-END_ROWS:])), 0.0, cylinder), final
     slope, end = (float(number) for number in np.polyfit(-taper_u[narrowing], taper[narrowing], 1))
     if not (0.02 < slope < 1.0):
         raise ValueError("the needle does not narrow towards the given end: use a dark, quiet background")
-    _check_axis(final, cylinder)
+    _check_axis(final, cylinder, MOST_WIDER_PX)
     return ProbeShape(h, marking, max(end, 0.5), slope, cylinder), final
 
 
-def _check_axis(outline: Silhouette, cylinder_half_px: float) -> None:
+def _check_axis(outline: Silhouette, cylinder_half_px: float, most_wider_px: float) -> None:
     """Raise ValueError unless cylinder and taper lie about the same axis and fit each other."""
     off_axis = np.abs(outline.left_px + outline.right_px) / 2.0
     thick_taper = outline.on_taper & (outline.half_px > 0.4 * cylinder_half_px)
     worst = max(float(np.mean(off_axis[part])) for part in (~outline.on_taper, thick_taper))
     wider = float(np.max(outline.half_px[outline.on_taper])) - cylinder_half_px
-    if worst > MOST_OFF_AXIS_PX or wider > 1.0:
+    if worst > MOST_OFF_AXIS_PX or wider > most_wider_px:
         raise ValueError(
             f"cylinder and taper do not lie about one axis (off by {worst:.1f} px, the taper {wider:+.1f} px wider): "
             "something behind the needle was taken for its edge; use a dark, quiet background"

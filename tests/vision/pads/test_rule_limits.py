@@ -44,8 +44,10 @@ def blob(**change: object) -> SeenObject:
 THROWN_BY: list[tuple[Rule, SeenObject, Wanted, Verdict]] = [
     (rules.small, pad(area_px=rules.LEAST_AREA_PX), ANY, PASS),
     (rules.small, pad(area_px=less(rules.LEAST_AREA_PX)), ANY, THROW),
-    (rules.faint, pad(contrast=rules.FAINT_CONTRAST), ANY, PASS),
-    (rules.faint, pad(contrast=less(rules.FAINT_CONTRAST)), ANY, THROW),
+    (rules.faint, pad(level=60.0, contrast=rules.FAINT_CONTRAST), ANY, PASS),
+    (rules.faint, pad(level=60.0, contrast=less(rules.FAINT_CONTRAST)), ANY, THROW),
+    (rules.faint, pad(level=200.0, contrast=rules.MOST_COVERED), ANY, PASS),
+    (rules.faint, pad(level=200.0, contrast=less(rules.MOST_COVERED)), ANY, THROW),
     (rules.thin, blob(length_px=4.0 * rules.THIN_RATIO, thickness_px=4.0), ANY, PASS),
     (rules.thin, blob(length_px=more(4.0 * rules.THIN_RATIO), thickness_px=4.0), ANY, THROW),
     (rules.thin, blob(length_px=4.0, thickness_px=1.0), ANY, PASS),

@@ -76,7 +76,7 @@ def test_the_names_of_the_rules_stay_as_records_and_the_wire_have_them() -> None
         *("small", "faint", "thin", "border", "needle", "wrong_size", "stroke_end", "oval", "cornered"),
         *("via_with_hole", "via_filled", "site_with_hole", "site_filled"),
         *("elongated", "angular", "other_size", "ragged", "no_rule"),
-        *("drawn_ring", "overlapping", "overlapped", "trace_of_pad", "at_known_place"),
+        *("drawn_ring", "drawn_dot", "overlapping", "overlapped", "trace_of_pad", "at_known_place"),
     }
     assert json.dumps(decide(PAD, ANY).rule) == '"site_filled"'
 

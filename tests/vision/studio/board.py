@@ -11,16 +11,22 @@ import numpy as np
 import numpy.typing as npt
 
 from tests.vision.studio.board_canvas import Canvas
+from tests.vision.studio.board_crowded import CROWDED_RECIPES, INK_RECIPES, draw_crowded
 from tests.vision.studio.board_needle import Needle, draw_needle, random_needle
 from tests.vision.studio.board_pads import RECIPES, draw_pads
 from tests.vision.studio.board_shapes import circle
 from tests.vision.studio.board_stage import Look, Pad, Stage
 from tests.vision.studio.board_surround import EMPTY_RECIPES, draw_empty
 from tests.vision.studio.board_view import FRAME_HW, View, random_view
-from tests.vision.studio.lens import develop
+from tests.vision.studio.lens import delivered, develop
 
 KINDS = tuple(RECIPES)
 EMPTY_KINDS = tuple(EMPTY_RECIPES)
+CROWDED_KINDS = tuple(CROWDED_RECIPES)
+INK_KINDS = tuple(INK_RECIPES)
+"""Crowded and worn boards with pads, and boards with what only looks like pads."""
+ALL_KINDS = KINDS + EMPTY_KINDS + CROWDED_KINDS + INK_KINDS
+"""In the order that seeds count on: new kinds go to the end."""
 
 TIP_PX = (430.0, 620.0)
 REACH_PX = 20.0
@@ -50,22 +56,32 @@ class RedScene:
     """Share of the target pad's area that the needle covers."""
     view: View | None = None
     needle: Needle | None = None
+    hole_px: float = 0.0
+    """Semi-major radius of the target pad's hole (0 without one)."""
 
 
 def red_scene(
-    seed: int, kind: str, *, noise: float = EASY_NOISE, hard: bool = False, needle: bool = False, square: bool = False
+    seed: int,
+    kind: str,
+    *,
+    noise: float = EASY_NOISE,
+    hard: bool = False,
+    needle: bool = False,
+    square: bool = False,
+    camera: bool = False,
 ) -> RedScene:
-    """Draw one scene of ``KINDS`` or ``EMPTY_KINDS``.
+    """Draw one scene of ``ALL_KINDS``.
 
     ``noise`` is the sensor's standard deviation in grey levels (a hard scene's is 7 unless another than the default is
     given). ``hard`` adds salt and pepper, dirt, glints and ragged edges; ``needle`` a probe that hides up to a third
-    of the target; ``square`` takes the camera's tilt away. The same arguments give the same scene; the
+    of the target; ``square`` takes the camera's tilt away; ``camera`` sends the frame through a Bayer mosaic and JPEG.
+    The same arguments give the same scene; the
     kinds of one seed are independent draws.
     """
-    if kind not in RECIPES and kind not in EMPTY_RECIPES:
-        msg = f"kind must be one of {KINDS + EMPTY_KINDS}, got {kind!r}"
+    if kind not in ALL_KINDS:
+        msg = f"kind must be one of {ALL_KINDS}, got {kind!r}"
         raise ValueError(msg)
-    rng = np.random.default_rng((seed, (KINDS + EMPTY_KINDS).index(kind)))
+    rng = np.random.default_rng((seed, ALL_KINDS.index(kind)))
     stage, pose = _drawn(rng, kind, hard=hard, needle=needle, square=square)
     level = np.full(FRAME_HW, stage.look.mask, np.float32)
     stage.finished(level)
@@ -81,11 +97,17 @@ def red_scene(
         falloff=rng.uniform(0.0, 0.3),
         colour="red",
     )
+    if camera:
+        frame = delivered(frame, rng)
     pads = tuple(_seen(stage.view, pad) for pad in stage.pads)
     if pose.aim is None:
         return RedScene(frame, pose.around_px, None, 0.0, kind, pads, view=stage.view, needle=pose.probe)
     x, y, radius = pads[pose.aim]
-    return RedScene(frame, pose.around_px, (x, y), radius, kind, pads, pose.hidden_share, stage.view, pose.probe)
+    hole = stage.pads[pose.aim].hole
+    hole_px = 0.0 if hole is None else stage.view.semi_major(*hole)
+    return RedScene(
+        frame, pose.around_px, (x, y), radius, kind, pads, pose.hidden_share, stage.view, pose.probe, hole_px
+    )
 
 
 def disc(
@@ -149,12 +171,21 @@ class _Pose:
 def _drawn(rng: np.random.Generator, kind: str, *, hard: bool, needle: bool, square: bool) -> tuple[Stage, _Pose]:
     for _ in range(DRAWS):
         stage = _stage(rng, hard=hard, square=square)
-        (draw_pads if kind in RECIPES else draw_empty)(stage, kind)
+        _draw(stage, kind)
         pose = _posed(stage, needle=needle)
         if pose is not None:
             return stage, pose
     msg = f"no {kind} scene of this seed meets the rules for neighbours and needle; take another seed"
     raise RuntimeError(msg)
+
+
+def _draw(stage: Stage, kind: str) -> None:
+    if kind in RECIPES:
+        draw_pads(stage, kind)
+    elif kind in EMPTY_RECIPES:
+        draw_empty(stage, kind)
+    else:
+        draw_crowded(stage, kind)
 
 
 def _posed(stage: Stage, *, needle: bool) -> _Pose | None:

@@ -83,3 +83,13 @@ def _spike(frame: Frame, share: float, rng: np.random.Generator) -> None:
     count = int(rng.binomial(height * width, share))
     where = (rng.integers(0, height, count), rng.integers(0, width, count))
     frame[where] = rng.choice(np.array([0, 255], np.uint8), count)[:, None]
+
+
+def delivered(frame: Frame, rng: np.random.Generator) -> Frame:
+    """Return the frame as a colour camera sends it: sampled through a Bayer mosaic, interpolated, packed as JPEG."""
+    mosaic = frame[..., 1].copy()
+    mosaic[0::2, 0::2] = frame[0::2, 0::2, 2]
+    mosaic[1::2, 1::2] = frame[1::2, 1::2, 0]
+    colour = cv2.cvtColor(mosaic, cv2.COLOR_BayerRGGB2BGR)
+    _, packed = cv2.imencode(".jpg", colour, [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(82, 97))])
+    return np.asarray(cv2.imdecode(packed, cv2.IMREAD_COLOR), dtype=np.uint8)

@@ -8,7 +8,7 @@ import numpy as np
 from tests.vision.studio import needle_board as background
 from tests.vision.studio.lens import Frame, Level, develop
 from tests.vision.studio.needle_body import SHAPE, Array, Body, Hits, bend, cast
-from tests.vision.studio.needle_kit import KITS, Kit
+from tests.vision.studio.needle_kit import HEADS, KITS, Kit, Teeth
 from tests.vision.studio.needle_paint import Marking, Metal, rim, shade
 from tests.vision.studio.needle_paper import GROUNDS, bright
 
@@ -57,20 +57,25 @@ class Look:
     offset: float = 0.0
 
 
-def golden(seed: int = 0, *, kit: int = 0) -> WhiteScene:
+def needle_of(kit: int | str) -> Kit:
+    """Return a needle by its number among ``KITS`` or its name among ``HEADS``."""
+    return HEADS[kit] if isinstance(kit, str) else KITS[kit]
+
+
+def golden(seed: int = 0, *, kit: int | str = 0) -> WhiteScene:
     """Return the clean picture for teaching: nominal place and angle, dark cloth behind."""
-    rng = np.random.default_rng([seed, kit])
-    needle = KITS[kit]
+    needle = needle_of(kit)
+    rng = np.random.default_rng([seed, needle.seed if isinstance(kit, str) else kit])
     body = needle.body(NOMINAL_TIP_PX, NOMINAL_ANGLE_DEG)
     level = background.plain(rng)
-    _paste(level, body, needle.metal, needle.marking(body))
+    _paste(level, body, needle.metal, needle.marking(body), needle.teeth)
     return _scene(level, body, Look(1.0, 0.9, 1.5, 0.0, 0.05), rng, "good")
 
 
 def white_scene(
-    seed: int, *, hard: bool = False, defect: str | None = None, kit: int = 0, ground: str | None = None
+    seed: int, *, hard: bool = False, defect: str | None = None, kit: int | str = 0, ground: str | None = None
 ) -> WhiteScene:
-    """Return one frame of the needle ``KITS[kit]``; everything random comes from ``seed``.
+    """Return one frame of a needle (see ``needle_of``); everything random comes from ``seed``.
 
     It stands before a board, or before one of the bright ``needle_paper.GROUNDS``.
 
@@ -84,7 +89,7 @@ def white_scene(
         msg = f"ground must be one of {', '.join(GROUNDS)} or None, got {ground!r}"
         raise ValueError(msg)
     rng = np.random.default_rng(seed)
-    needle = KITS[kit].other(rng) if defect == "other_needle" else KITS[kit]
+    needle = needle_of(kit).other(rng) if defect == "other_needle" else needle_of(kit)
     body = _place(needle, rng, defect)
     tip = body.seen_end_px()
     if ground is None:
@@ -141,7 +146,7 @@ def _draw(level: Level, needle: Kit, body: Body, rng: np.random.Generator, defec
     tip = parts[0].seen_end_px()
     background.shadow(level, (tip[0], tip[1]), _angle_deg(body), rng)
     for part in parts:
-        _paste(level, part, metal, marking)
+        _paste(level, part, metal, marking, needle.teeth if part is parts[0] else None)
     if hard:
         background.glints(level, rng, (tip[0], tip[1]), _angle_deg(parts[0]))
     return parts[0]
@@ -175,9 +180,11 @@ def _lamps_moved(metal: Metal, rng: np.random.Generator, by: float) -> Metal:
     return replace(metal, lamps=lamps)
 
 
-def _paste(level: Level, body: Body, metal: Metal, marking: Marking | None) -> None:
+def _paste(level: Level, body: Body, metal: Metal, marking: Marking | None, teeth: Teeth | None = None) -> None:
     """Put the body before the board in place: each pixel is the mean of what its rays see."""
     for hits in cast(body):
+        if teeth is not None:
+            hits = teeth.cut(hits)
         behind = level[hits.rows, hits.cols]
         level[hits.rows, hits.cols] = _mean(hits, shade(hits, metal, marking), behind)
 

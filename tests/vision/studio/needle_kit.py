@@ -4,8 +4,24 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tests.vision.studio.needle_body import Array, Body, stand
+from tests.vision.studio.needle_body import Array, Body, Hits, stand
 from tests.vision.studio.needle_paint import Lamp, Marking, Metal, rim
+
+
+@dataclass(frozen=True)
+class Teeth:
+    """Notches in the end: how many round it, how deep (px), and where the first tooth stands (rad)."""
+
+    count: int
+    depth_px: float
+    first_rad: float = 0.0
+
+    def cut(self, hits: Hits) -> Hits:
+        """Return the hits without those in a notch; its inside is not drawn, what lies behind is seen."""
+        turn = np.abs(((hits.azimuth - self.first_rad) * self.count / (2 * np.pi) + 0.5) % 1.0 - 0.5) * 2.0
+        # A tooth is a triangle with a blunt end.
+        notch = self.depth_px * np.clip((turn - 0.15) / 0.85, 0.0, 1.0)
+        return replace(hits, met=hits.met & (hits.height >= notch))
 
 
 @dataclass(frozen=True)
@@ -13,7 +29,8 @@ class Kit:
     """One needle: sizes as seen (px); ``rim_px`` and ``band_px`` are measured on the line that is seen as the axis.
 
     ``point`` (N, 2) is the outline of the end (height, radius) from the very end upwards; ``belly`` rounds the taper
-    (0: a straight cone); ``gap_px`` is the bare cylinder between the marking and the taper.
+    (0: a straight cone); ``gap_px`` is the bare cylinder between the marking and the taper; ``teeth`` are cut into the
+    end, the one at azimuth 0 being seen on the axis.
     """
 
     radius_px: float
@@ -28,6 +45,7 @@ class Kit:
     ragged_px: float
     metal: Metal
     seed: int
+    teeth: Teeth | None = None
 
     def outline(self) -> Array:
         """Return the outline (N, 2) as heights along the needle and radii."""
@@ -99,3 +117,35 @@ KITS = (
 )  # fmt: skip
 """0: sharp cone, ball end; 1: flat end, short cone under a bare cylinder; 2: crown-like head on a neck, two highlights;
 3: rounded taper with a big ball end, coarse turning marks."""
+
+
+def _headed(
+    radius_px: float,
+    point: tuple[tuple[float, float], ...],
+    seed: int,
+    *,
+    rim_px: float = 118.0,
+    dip_deg: float = 28.0,
+    metal: Metal | None = None,
+    teeth: Teeth | None = None,
+) -> Kit:
+    """Return a needle with that end; its shaft narrows to the head's last radius, or not at all."""
+    finish = metal or Metal(145.0, (_KEY, _FILL), 0.02, seed)
+    return Kit(radius_px, point, 0.0, rim_px, 44.0, 22.0, 310.0, radius_px + 11.0, dip_deg, 0.5, finish, seed, teeth)
+
+
+HEADS = {
+    "round_shaft": _headed(12.0, _round(12.0, 0.0), 200),
+    "round_thick": _headed(19.0, _round(19.0, 0.0), 201, rim_px=126.0),
+    "ball_on_cone": _headed(20.0, _round(7.0, 9.0), 202),
+    "flat_shaft": _headed(10.0, ((0.0, 9.0), (1.5, 10.0)), 203),
+    "cup_shaft": _headed(14.0, ((0.0, 12.6), (2.0, 14.0)), 204, teeth=Teeth(2, 3.0)),
+    "cup_on_cone": _headed(20.0, ((0.0, 7.5), (1.0, 8.5), (20.0, 8.5)), 205),
+    "crown_shaft": _headed(13.0, ((0.0, 11.5), (12.0, 13.0)), 206, teeth=Teeth(4, 11.0)),
+    "crown_turned": _headed(13.0, ((0.0, 11.5), (12.0, 13.0)), 207, teeth=Teeth(4, 11.0, 0.6)),
+    "serrated": _headed(16.0, ((0.0, 15.0), (3.0, 16.0)), 208, teeth=Teeth(8, 6.0)),
+    "crown_head": _headed(12.0, ((0.0, 10.0), (4.0, 15.0), (22.0, 15.0), (24.0, 12.0)), 209, teeth=Teeth(4, 9.0)),
+    "long_head": _headed(12.0, ((0.0, 13.0), (4.0, 16.0), (52.0, 16.0), (54.0, 12.0)), 210, teeth=Teeth(6, 7.0)),
+}
+"""Needles that are no points: round, flat, cupped, crowned and serrated ends, on a shaft as wide, on a cone, or on a
+head wider than the shaft. The end is where the picture of the foremost points lies on the axis."""

@@ -1,0 +1,196 @@
+"""Rivals of a place: how near a look comes to taking what lies elsewhere on a board, or on it turned, for the place.
+
+It is tried, not guessed: CAD of the other place is looked at as a picture, registered, and judged as any other look by
+agreement, by metal that is seen and by metal edges. What either place does not know counts for nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from vision.core import Gray
+from vision.registration import spectra, wide
+from vision.registration.answer import Edges
+from vision.registration.drawing import Grid, Material
+from vision.registration.edges import LEAST_CONFIRMED, LEAST_NEAR, LEAST_SOLDERED, judge_edges
+from vision.registration.fine import BARE, SOLDERED
+from vision.registration.rectify import Picture, Pose
+from vision.registration.reference import usual_picture
+from vision.registration.refine import Fit, Problem, refine
+from vision.registration.register import (
+    LEAST_AGREEMENT,
+    LEAST_METAL,
+    LEAST_METAL_BESIDE_PARTS,
+    LEAST_ODDS,
+    SURE_AGREEMENT,
+    SURE_EDGES,
+)
+from vision.registration.sheet import Sheet, make_sheet
+from vision.registration.whole import Place, Whole, find_in
+
+GREY_MASK, GREY_STEP = 60.0, 120.0
+"""Level of mask in a picture made of CAD, and from there to metal."""
+PEAKS, APART = 4, 6
+"""Places tried of each side and turn, and by how many cells they are apart."""
+ITSELF_UM = 600.0
+"""A window shifted by less is itself."""
+NEAR_UM = 3000.0
+"""Metal edges are asked within this."""
+PAIRS_UM, TOLD_APART = 6000.0, 3.0 * LEAST_ODDS
+"""A place of the same side as near is compared with this one in every look; such log odds leave no doubt."""
+FEW_EDGES = LEAST_NEAR // 2
+"""Cells here are twice as wide as those in which a look judges the edges near."""
+_STEPS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Taken:
+    """How a look at a place would judge another one, were that in its view.
+
+    side: number of the side on which the other place lies; x_um, y_um: there; quarters: by which it is turned.
+    agreement, metal_seen, confirmed, soldered, assembled: as `Registration` has them.
+    """
+
+    side: int
+    quarters: int
+    x_um: float
+    y_um: float
+    agreement: float
+    metal_seen: float
+    confirmed: float
+    soldered: bool
+    assembled: bool
+
+    def nearness(self, least_agreement: float) -> float:
+        """Return how near the look comes to being accepted: the worst of its figures, as a share of what is asked.
+
+        least_agreement: of a look alone; with all metal and its edges seen it may agree less, as `decide` has it.
+        """
+        least_metal = LEAST_METAL_BESIDE_PARTS if self.assembled else LEAST_METAL
+        least_confirmed = LEAST_SOLDERED if self.soldered else LEAST_CONFIRMED
+        metal = max(self.agreement / SURE_AGREEMENT, self.metal_seen / least_metal)
+        sure = min(self.metal_seen / LEAST_METAL, self.confirmed / SURE_EDGES, self.agreement / LEAST_AGREEMENT)
+        return max(min(self.agreement / least_agreement, metal, self.confirmed / least_confirmed), sure)
+
+
+class Searched:
+    """A side on which rivals are looked for: its usual look as a picture, and what is needed to search it."""
+
+    def __init__(self, whole: Whole) -> None:
+        self.whole = whole
+
+    @cached_property
+    def spectra(self) -> spectra.Spectra:
+        """Spectra of the whole side, for windows of a wide check."""
+        grid = self.whole.search.grid
+        return spectra.transform_all(self.whole.search, 2 * round(wide.WIDE_UM / grid.cell_um))
+
+    @cached_property
+    def look(self) -> NDArray[np.float32]:
+        """The usual look in the cells of the search."""
+        return usual_picture(self.whole.search)
+
+    @cached_property
+    def grey(self) -> Gray:
+        """The usual look in the cells of the wide check, as a picture."""
+        return np.asarray(np.round(GREY_MASK + GREY_STEP * usual_picture(self.whole.wide)), dtype=np.uint8)
+
+    @cached_property
+    def unknown(self) -> tuple[NDArray[np.float64], ...]:
+        """Outlines of what nobody knows, in those cells."""
+        covered = (self.whole.wide.cover[Material.UNKNOWN] > 0.5).astype(np.uint8)
+        contours, _ = cv2.findContours(covered, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        return tuple(contour[:, 0, :].astype(np.float64) for contour in contours)
+
+
+def takings(place_um: tuple[float, float], sides: Sequence[Searched]) -> Iterator[Taken]:
+    """Yield how a look at a place of the first side would judge the likest places of all sides, turned by quarters."""
+    here = sides[0].whole
+    sheet = make_sheet(here.wide.around(*place_um, 1.2 * wide.WIDE_UM))
+    shown, seen = _on(sides[0], wide.window(place_um, here.search.grid.cell_um))
+    for number, side in enumerate(sides):
+        for place in find_in(side.spectra, side.whole, shown, seen, PEAKS, APART):
+            taken = _take(sheet, place_um, side, place, number)
+            if taken is not None:
+                yield taken
+
+
+def _on(side: Searched, window: Grid) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Return the usual look of a window, and which cells are known."""
+    grid = side.whole.search.grid
+    to_field = np.linalg.inv(grid.to_um) @ window.to_um
+    size, flags = (window.columns, window.rows), cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    look = cv2.warpAffine(side.look, to_field[:2], size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
+    unknown = side.whole.search.cover[Material.UNKNOWN]
+    hidden = cv2.warpAffine(unknown, to_field[:2], size, flags=flags, borderMode=cv2.BORDER_CONSTANT)
+    return np.asarray(look, dtype=np.float32), np.asarray(hidden) < 0.5
+
+
+def _take(sheet: Sheet, place_um: tuple[float, float], side: Searched, place: Place, number: int) -> Taken | None:
+    """Register CAD of a place in the picture that another one makes, and judge it; None where it is the place itself.
+
+    Of another that every look compares with it, the place itself is told.
+    """
+    picture = _picture(side, place, place_um)
+    fit = refine(Problem(sheet, picture, 1.0, _STEPS), Pose(about_um=place_um))
+    if fit is None:
+        return None
+    shown = wide.look(picture, place_um, sheet.planes.grid.cell_um, 1.0)
+    view = wide.draw_view(sheet, shown, fit.pose, wide.wide_levels(sheet, shown, fit.pose, fit.levels))
+    if number == 0 and place.quarters == 0 and _told_apart(side, place, place_um, shown, view):
+        return None
+    agrees = wide.agreement(sheet, shown, view)
+    edges = _edges(sheet, picture, fit, place_um)
+    assembled = bool(sheet.planes.cover[Material.UNKNOWN].any())
+    return Taken(number, place.quarters, place.x_um, place.y_um, agrees.all, agrees.metal, edges.confirmed,
+                 edges.soldered, assembled)  # fmt: skip
+
+
+def _told_apart(
+    side: Searched, place: Place, place_um: tuple[float, float], shown: wide.Shown, view: wide.View
+) -> bool:
+    """Whether a place unturned, on the same side, is the one itself, or is compared with it in pairs and found out."""
+    itself = Pose(place_um[0] - place.x_um, place_um[1] - place.y_um, 0.0, place_um)
+    off_um = math.hypot(itself.x_um - view.pose.x_um, itself.y_um - view.pose.y_um)
+    if off_um < ITSELF_UM or off_um > PAIRS_UM:
+        return off_um < ITSELF_UM
+    broad = make_sheet(side.whole.wide.around(*place_um, wide.WIDE_UM + PAIRS_UM))
+    true = wide.draw_view(broad, shown, itself, view.levels)
+    return wide.log_odds(true, view, shown) > TOLD_APART
+
+
+def _edges(sheet: Sheet, picture: Picture, fit: Fit, place_um: tuple[float, float]) -> Edges:
+    """Judge the metal edges near, and those of solder too where bare metal is scarce, as a look does."""
+    grid = sheet.planes.grid
+    shown, seen = picture.on(grid, fit.pose, 1.0)
+    expected, near = sheet.expect(fit.levels), _near(grid, place_um)
+    edges = judge_edges(sheet, shown, expected, seen, fit.levels.step, near, BARE)
+    if edges.cells >= FEW_EDGES:
+        return edges
+    near_all = judge_edges(sheet, shown, expected, seen, fit.levels.contrast, near, SOLDERED)
+    return (
+        near_all
+        if near_all.cells >= FEW_EDGES
+        else judge_edges(sheet, shown, expected, seen, fit.levels.contrast, None, SOLDERED)
+    )
+
+
+def _near(grid: Grid, place_um: tuple[float, float]) -> NDArray[np.bool_]:
+    x = grid.origin_um[0] + np.arange(grid.columns) * grid.cell_um - place_um[0]
+    y = grid.origin_um[1] + np.arange(grid.rows) * grid.cell_um - place_um[1]
+    return np.asarray((np.abs(y) < NEAR_UM)[:, None] & (np.abs(x) < NEAR_UM)[None, :])
+
+
+def _picture(side: Searched, place: Place, about_um: tuple[float, float]) -> Picture:
+    """Return the picture in which a place of a side, turned, lies where another one is looked for."""
+    turn = 90.0 * place.quarters
+    lies = Pose(about_um[0] - place.x_um, about_um[1] - place.y_um, turn, (place.x_um, place.y_um))
+    to_px = np.linalg.inv(side.whole.wide.grid.to_um) @ np.linalg.inv(lies.matrix)
+    return Picture.of(side.grey, to_px, side.unknown)
