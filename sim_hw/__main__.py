@@ -1,4 +1,4 @@
-"""Command line of the simulated station: `python -m sim_hw --board DIR --line PATH ...`."""
+"""Command line of the simulated station: `reprobe sim --board DIR --line PATH ...`, or `python -m sim_hw`."""
 
 from __future__ import annotations
 
@@ -47,14 +47,17 @@ def _announce(facts: Mapping[str, Any]) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(prog="python -m sim_hw", description="A simulated station on real wires.")
-    parser.add_argument("--board", type=Path, required=True, help="folder with the board's Gerber, drill and netlist")
+    parser = _Parser(prog="reprobe sim", description="A simulated station on real wires.")
+    parser.add_argument("--board", type=Path, required=True, help="folder or zip of Gerber, drill and netlist files")
     parser.add_argument("--side", choices=("top", "bottom"), default="top", help="side that is up")
+    parser.add_argument("--assembled", action="store_true", help="parts stand on the board; without, it is bare")
     parser.add_argument("--seed", type=int, default=1, help="seed of everything random")
     parser.add_argument("--speed", type=float, default=1.0, help="simulated seconds per second")
     parser.add_argument("--line", type=Path, required=True, help="path of the symlink to the serial line")
     parser.add_argument("--camera", required=True, help="ZeroMQ endpoint of the camera, e.g. ipc:///run/sim/camera")
     parser.add_argument("--bench", required=True, help="ZeroMQ endpoint of the bench socket")
+    parser.add_argument("--meter-port", type=int, default=0, help="TCP port of the meter on loopback; 0: a free one")
+    parser.add_argument("--meter-line", type=Path, default=None, help="path of the symlink to the meter's serial line")
     parser.add_argument("--truth", type=Path, required=True, help="file the truth log is appended to")
     parser.add_argument("--unpaced", action="store_true", help="serve the line as fast as possible")
     parser.add_argument("--set", action="append", default=[], metavar="KNOB=VALUE", help="turn a knob; may be repeated")
@@ -64,7 +67,9 @@ def _parser() -> argparse.ArgumentParser:
 def _options(parser: argparse.ArgumentParser, given: argparse.Namespace) -> StationOptions:
     if not 0.0 < given.speed <= 1000.0:
         parser.error(f"--speed must be above 0 and at most 1000, not {given.speed}")
-    if not given.board.is_dir():
+    if not 0 <= given.meter_port <= 65535:
+        parser.error(f"--meter-port must be 0 to 65535, not {given.meter_port}")
+    if not given.board.is_dir() and given.board.suffix.lower() != ".zip":
         parser.error(f"--board: {given.board} is not a folder")
     return StationOptions(
         board=given.board,
@@ -77,6 +82,9 @@ def _options(parser: argparse.ArgumentParser, given: argparse.Namespace) -> Stat
         truth=given.truth,
         paced=not given.unpaced,
         knobs=_knobs(parser, given.set),
+        meter_port=given.meter_port,
+        meter_line=given.meter_line,
+        assembled=given.assembled,
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from typing import Any, Protocol
 
 import zmq
@@ -18,6 +18,15 @@ class Bench(Protocol):
 
     def truth(self) -> dict[str, Any]:
         """Return the truth record of now."""
+
+    def circuit(self) -> dict[str, Any]:
+        """Return harness, closed channels, broken and shorted nets."""
+
+    def pads(self) -> dict[str, Any]:
+        """Return the pins and vias of the side that is up."""
+
+    async def lay_board(self, folder: str | None, side: str | None, assembled: bool | None) -> dict[str, Any]:  # noqa: FBT001 - as on the wire
+        """Lift the board out and lay one in."""
 
     def faults_listing(self) -> dict[str, Any]:
         """Return every fault with its state."""
@@ -39,9 +48,12 @@ class BenchServer:
     """Answer one JSON command at a time on a ZeroMQ REP socket."""
 
     def __init__(self, bench: Bench, endpoint: str) -> None:
-        self._commands: dict[str, Callable[[dict[str, Any]], Mapping[str, Any]]] = {
+        self._commands: dict[str, Callable[[dict[str, Any]], Mapping[str, Any] | Awaitable[Mapping[str, Any]]]] = {
             "status": _plain(bench.status),
             "truth": _plain(bench.truth),
+            "circuit": _plain(bench.circuit),
+            "pads": _plain(bench.pads),
+            "board": lambda request: _lay_board(bench, request),
             "faults": _plain(bench.faults_listing),
             "fault": lambda request: _switch_fault(bench, request),
             "set": lambda request: _set_knob(bench, request),
@@ -57,7 +69,7 @@ class BenchServer:
         """Answer until cancelled."""
         while True:
             raw = await self._socket.recv()
-            reply = self._answer(raw)
+            reply = await self._answer(raw)
             await self._socket.send(json.dumps(reply).encode())
 
     def close(self) -> None:
@@ -65,14 +77,15 @@ class BenchServer:
         self._socket.close()
         self._context.term()
 
-    def _answer(self, raw: bytes) -> dict[str, Any]:
+    async def _answer(self, raw: bytes) -> dict[str, Any]:
         try:
             request = _object(raw)
             command = request.pop("cmd", None)
             if command not in self._commands:
                 raise ValueError(f"unknown command {command!r}; known: {', '.join(self._commands)}")
-            return {"ok": True, **self._commands[command](request)}
-        except (ValueError, UnicodeDecodeError) as error:
+            answer = self._commands[command](request)
+            return {"ok": True, **(answer if isinstance(answer, Mapping) else await answer)}
+        except (ValueError, OSError) as error:
             return {"ok": False, "error": str(error)}
 
 
@@ -98,6 +111,17 @@ def _switch_fault(bench: Bench, request: dict[str, Any]) -> Mapping[str, Any]:
         raise ValueError(f'"on" must be true or false, not {on!r}')
     bench.fault(name, request, on=bool(on))
     return {}
+
+
+async def _lay_board(bench: Bench, request: dict[str, Any]) -> Mapping[str, Any]:
+    """Take `folder`, `side` and `assembled`, each as it is now where it is not given."""
+    kinds = {"folder": str, "side": str, "assembled": bool}
+    for name, value in request.items():
+        if name not in kinds or not isinstance(value, kinds[name]):
+            raise ValueError(
+                f'"board" takes a text "folder", a text "side" and a true or false "assembled", not {name!r}'
+            )
+    return await bench.lay_board(*(request.get(name) for name in kinds))
 
 
 def _set_knob(bench: Bench, request: dict[str, Any]) -> Mapping[str, Any]:

@@ -32,6 +32,17 @@ class Record:
         """Whether the record names no part."""
         return not self.reference
 
+    @property
+    def name(self) -> str:
+        """Return `part.pin`, the part alone where it has no pin, or `VIA`."""
+        if self.is_via:
+            return "VIA"
+        return f"{self.reference}.{self.pin}" if self.pin else self.reference
+
+    def on_side(self, side: str) -> bool:
+        """Tell whether the pad has copper on a side."""
+        return self.access_layer == 0 or (self.access_layer == 1) == (side == "top")
+
 
 def _length_mm(text: str, unit_mm: float) -> float:
     return int(text) * unit_mm if text.strip(" +-") else 0.0

@@ -66,6 +66,14 @@ def _capsule(x1: float, y1: float, x2: float, y2: float, width: float) -> Outlin
     return np.concatenate((turned + np.array((x2, y2)), np.array((x1, y1)) - turned))
 
 
+def _rectangle(cx: float, cy: float, width: float, height: float, turn: float) -> Outline:
+    """Turn counter-clockwise about the middle; gerbonara's own `to_arc_poly` leaves the turn out."""
+    c, s = math.cos(turn), math.sin(turn)
+    corners = np.array(((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))) * (width / 2.0, height / 2.0)
+    turned: Outline = corners @ np.array(((c, s), (-s, c))) + (cx, cy)
+    return turned
+
+
 def _sweep(p1: tuple[float, float], p2: tuple[float, float], centre: tuple[float, float], *, cw: bool) -> Outline:
     start = math.atan2(p1[1] - centre[1], p1[0] - centre[0])
     end = math.atan2(p2[1] - centre[1], p2[0] - centre[0])
@@ -95,6 +103,8 @@ def _outlines(primitive: Any) -> Iterator[Outline]:
         points = _sweep(*ends, (primitive.cx, primitive.cy), cw=primitive.clockwise)
         for (x1, y1), (x2, y2) in itertools.pairwise(points):
             yield _capsule(float(x1), float(y1), float(x2), float(y2), max(primitive.width, 0.01))
+    elif isinstance(primitive, gp.Rectangle):
+        yield _rectangle(primitive.x, primitive.y, primitive.w, primitive.h, primitive.rotation)
     else:
         yield _arc_poly(primitive.to_arc_poly())
 
@@ -133,6 +143,17 @@ def _moved(shape: Shape, dx_mm: float, dy_mm: float) -> Shape:
     x0, y0, x1, y1 = shape.box_mm
     box = (x0 + dx_mm, y0 + dy_mm, x1 + dx_mm, y1 + dy_mm)
     return Shape(shape.outline_mm + np.array((dx_mm, dy_mm)), shape.dark, box)
+
+
+def disc(x_mm: float, y_mm: float, diameter_mm: float) -> Shape:
+    """Return a filled round."""
+    return _shape(_circle(x_mm, y_mm, diameter_mm / 2.0), dark=True)
+
+
+def boxed(box_mm: tuple[float, float, float, float]) -> Shape:
+    """Return a filled rectangle (x0, y0, x1, y1)."""
+    x0, y0, x1, y1 = box_mm
+    return _shape(np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]]), dark=True)
 
 
 def rounds(objects: Iterable[Any]) -> tuple[Round, ...]:
@@ -177,14 +198,17 @@ def centre_line_box(objects: Iterable[Any]) -> tuple[float, float, float, float]
 def outline_polygons(objects: Iterable[Any]) -> tuple[Shape, ...]:
     """Chain the pen strokes of an outline layer into closed polygons (arcs kept as chords)."""
     strokes: list[Outline] = []
+    polygons: list[Shape] = []
     for item in objects:
+        if isinstance(item, go.Region):
+            polygons += _item_shapes(item)
+            continue
         primitive = next(iter(item.to_primitives(MM)))
         if isinstance(primitive, gp.Line):
             strokes.append(np.array([[primitive.x1, primitive.y1], [primitive.x2, primitive.y2]]))
         elif isinstance(primitive, gp.Arc):
             ends = (primitive.x1, primitive.y1), (primitive.x2, primitive.y2)
             strokes.append(_sweep(*ends, (primitive.cx, primitive.cy), cw=primitive.clockwise))
-    polygons: list[Shape] = []
     while strokes:
         chain = strokes.pop(0)
         while strokes and math.dist(chain[0], chain[-1]) > 1e-3:

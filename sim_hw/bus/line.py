@@ -9,16 +9,14 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import os
 import random
-import termios
 import time
-import tty
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from sim_hw.bus.modbus import Slave, answer, intact, request_length, seal
+from sim_hw.linked_pty import LinkedPty
 from sim_hw.plant.clock import SimClock
 from sim_hw.plant.faults import Faults
 from sim_hw.plant.knobs import Knobs
@@ -75,8 +73,7 @@ class Line:
         self._receiver = _Receiver()
         self._serving = False
         self._last_reply_wall_s = float("-inf")
-        self._link: Path | None = None
-        self._master = self._slave = -1
+        self._terminal: LinkedPty | None = None
         self.statistics = LineStatistics()
         self.pty = ""
 
@@ -87,45 +84,25 @@ class Line:
             OSError: no pty is left, or the symlink cannot be made.
 
         """
-        if link.exists() and not link.is_symlink():
-            raise FileExistsError(f"{link} exists and is not a symlink; choose another path for the line")
-        self._master, self._slave = os.openpty()
-        _make_raw(self._slave)
-        os.set_blocking(self._master, False)
-        self.pty = os.ttyname(self._slave)
-        # Replaced in one step: a client that waits for the path never finds a half-made one.
-        fresh = link.with_name(f"{link.name}.{os.getpid()}")
-        try:
-            fresh.symlink_to(self.pty)
-            fresh.replace(link)
-        except OSError:
-            self._close_pty()
-            raise
-        self._link = link
-        asyncio.get_running_loop().add_reader(self._master, self._readable)
+        self._terminal = terminal = LinkedPty(link, "line")
+        self.pty = terminal.path
+        asyncio.get_running_loop().add_reader(terminal, self._readable, terminal)
 
     def close(self) -> None:
         """Stop serving; remove the symlink if it still is ours."""
-        if self._master < 0:
+        if self._terminal is None:
             return
-        asyncio.get_running_loop().remove_reader(self._master)
+        asyncio.get_running_loop().remove_reader(self._terminal)
         if self._receiver.timer is not None:
             self._receiver.timer.cancel()
-        if self._link is not None and self._link.is_symlink() and str(self._link.readlink()) == self.pty:
-            self._link.unlink()
-        self._close_pty()
-
-    def _close_pty(self) -> None:
-        os.close(self._master)
-        # Held open so far: with no one on the slave side, reading the master would fail instead of waiting.
-        os.close(self._slave)
-        self._master = self._slave = -1
+        self._terminal.close()
+        self._terminal = None
 
     # --- requests
 
-    def _readable(self) -> None:
+    def _readable(self, terminal: LinkedPty) -> None:
         try:
-            data = os.read(self._master, 4096)
+            data = terminal.read(4096)
         except (BlockingIOError, InterruptedError):
             return
         if self._serving:
@@ -227,7 +204,7 @@ class Line:
 
     def _send(self, reply: bytes) -> None:
         self._serving = False
-        if self._master < 0 or self._faults.on("cable_out"):
+        if self._terminal is None or self._faults.on("cable_out"):
             return
         if self._faults.on("crc_noise") and self._chance("crc_noise") and self._faults.use("crc_noise"):
             bit = self._rng.randrange(8 * len(reply))
@@ -238,17 +215,10 @@ class Line:
         self.statistics.replies += 1
         # A client that never reads loses bytes, as on a wire.
         with contextlib.suppress(BlockingIOError):
-            os.write(self._master, reply)
+            self._terminal.write(reply)
 
     def _chance(self, name: str) -> bool:
         return self._rng.random() < float(self._faults.get(name)["rate"])
-
-
-def _make_raw(descriptor: int) -> None:
-    tty.setraw(descriptor)
-    settings = termios.tcgetattr(descriptor)
-    settings[4] = settings[5] = termios.B115200
-    termios.tcsetattr(descriptor, termios.TCSANOW, settings)
 
 
 def _at(wall_s: float, call: Callable[[], None]) -> asyncio.TimerHandle:

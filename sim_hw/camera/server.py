@@ -17,6 +17,7 @@ import zmq.asyncio
 
 from sim_hw.board.board import Board
 from sim_hw.camera.controls import Controls
+from sim_hw.camera.memory import give_back_memory
 from sim_hw.camera.queue import Captured, FrameQueue
 from sim_hw.scene.optics import HEIGHT_PX, WIDTH_PX
 from sim_hw.scene.scene import Scene, SceneFaults, ScenePlant, Shot, watch
@@ -28,6 +29,7 @@ MAX_BUFFERS = 10
 _TORN_SHARE = 0.6
 """Share of the bytes of a torn frame that arrive."""
 _TICK_S = 0.02
+_IDLE_S = 0.1
 
 
 class Clock(Protocol):
@@ -108,9 +110,16 @@ class CameraServer:
     async def _draw_ahead(self) -> None:
         """Draw the board tile by tile while nobody asks, so that a look at a new place is not slow."""
         loop = asyncio.get_running_loop()
-        left = True
-        while left:  # one tile at a time: a request waits for one at most
-            left = await loop.run_in_executor(self._worker, self.scene.draw_ahead)
+        drawn = False
+        while True:  # one tile at a time: a request waits for one at most
+            goal = self._plant.state_at(self._plant.rest_s())
+            if await loop.run_in_executor(self._worker, self.scene.draw_ahead, goal):
+                drawn = True
+                continue
+            if drawn:
+                await loop.run_in_executor(self._worker, give_back_memory)
+                drawn = False
+            await asyncio.sleep(_IDLE_S)
 
     async def _serve_one(self, socket: zmq.asyncio.Socket, identity: bytes, parts: list[bytes]) -> None:
         if self._faults.use("silent"):

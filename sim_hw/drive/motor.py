@@ -141,5 +141,6 @@ class Motor:
     def _turn(self, demand: Trajectory) -> None:
         name = self.spec.name
         backlash, sigma = self._plant.backlash(name), self._plant.stop_sigma(name)
-        self._axis.follow(demand, backlash=backlash, sigma=sigma, stalled=self._stalled)
+        beside = self._plant.beside(name, demand.end - demand.position(demand.start_s))
+        self._axis.follow(demand, backlash=backlash, sigma=sigma, stalled=self._stalled, beside=beside)
         self._plant.changed()

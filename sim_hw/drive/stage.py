@@ -13,6 +13,9 @@ from sim_hw.plant.plant import Plant
 CYCLE_S = 0.001
 """The drive looks at a new controlword or mode once per cycle."""
 
+SENSE_BIT = 3
+"""Input 4 of the Z drive, where the touch sense is wired to."""
+
 Due = tuple[float, Callable[[], None]]
 """Something that is due: when, and what to do."""
 
@@ -73,6 +76,8 @@ class Stage:
         return "positive" if self.motor.direction() > 0.0 else "negative"
 
     def inputs(self) -> int:
-        """Return 60FDh: what acts as a switch in bits 0..2, the bare inputs in bits 16..18."""
+        """Return 60FDh: what acts as a switch in bits 0..2, the bare inputs in bits 16..18, the sense in 19."""
         raw = sum(self.motor.active(switch, self.now_s) << bit for switch, bit in SWITCH_BITS.items())
+        if self.motor.spec.name == "z":
+            raw |= self.plant.sense(self.now_s) << SENSE_BIT
         return raw << 16 | raw & self.objects.get(0x3240, 1)

@@ -139,7 +139,15 @@ class Axis:
         """Return the time from which the axis rests, as far as is ordered."""
         return self._pieces[-1].rotor.t0_s
 
-    def follow(self, demand: Trajectory, *, backlash: float = 0.0, sigma: float = 0.0, stalled: bool = False) -> None:
+    def follow(
+        self,
+        demand: Trajectory,
+        *,
+        backlash: float = 0.0,
+        sigma: float = 0.0,
+        stalled: bool = False,
+        beside: float = 0.0,
+    ) -> None:
         """Turn with the field from the demand's start on, by the demand's displacement.
 
         Args:
@@ -147,13 +155,14 @@ class Axis:
             backlash: play of the nut, units.
             sigma: spread of the error drawn for this stop, units.
             stalled: the field turns and the rotor does not.
+            beside: how far beside its place this stop ends, units.
 
         """
         t_s = demand.start_s
         now = self._at(t_s)
         rotor, carriage, error = now.rotor.position(t_s), now.carriage(t_s), now.error.position(t_s)
         segments = [] if stalled else list(_within(demand, rotor, self.spec.hard_min, self.spec.hard_max))
-        goal = self._rng.gauss(0.0, 1.0) * sigma if segments else error
+        goal = self._rng.gauss(0.0, 1.0) * sigma + beside if segments else error
         end_s = segments[-1].t1_s if segments else t_s
         drift = _ramp(t_s, end_s, error, goal)
         pieces = self._until(t_s)

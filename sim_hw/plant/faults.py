@@ -35,18 +35,40 @@ DEFAULTS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
         "silent": {},
         "unplugged": {},
         "mirrored": {},
+        "glint": {"px": 5.0},
+        # board
+        "board_displaced": {"dx_um": 0.0, "dy_um": 0.0, "turn_deg": 0.0},
+        "board_turned": {"turn_deg": 180.0},
+        "board_gone": {},
         # control-point card
         "card_gone": {},
         "card_covered": {},
         # needle
         "bent": {"px": 10.0},
         "missing": {},
+        "pin_stuck": {},
+        # touch sense and meter
+        "sense_stuck": {"closed": True},
+        "harness_open": {"channel": 0},
+        "harness_joined": {"channel": 101, "other": 102},
+        "relay_welded": {"channel": 1},
+        "meter_silent": {},
+        "meter_garbage": {},
+        "meter_stuck": {"at": "last"},
+        "meter_slow": {"delay_s": 3.0},
+        "meter_dialect": {"dialect": "foreign"},
     }
 )
 """Every fault with its parameters' defaults. A value outside `CHOICES` or of another type is refused."""
 
 CHOICES: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {"axis": _AXES, "side": ("negative", "positive", "both"), "lamp": ("white", "red", "both")}
+    {
+        "axis": _AXES,
+        "side": ("negative", "positive", "both"),
+        "lamp": ("white", "red", "both"),
+        "dialect": ("foreign", "terse"),
+        "at": ("last", "zero", "overload"),
+    }
 )
 
 _CHOICES_OF: Mapping[tuple[str, str], tuple[str, ...]] = MappingProxyType({("slip", "axis"): ("x", "y")})

@@ -24,6 +24,22 @@ class Knobs:
     board_height_sigma_um: float = 15.0
     board_tilt_sigma_um_per_mm: float = 0.2
 
+    # --- the board as it was made; shifts are against the copper, as this side is seen, x right and y up
+    board_mask: Literal["green", "red", "blue", "black", "white"] = "green"
+    board_metal: Literal["gold", "hasl"] = "gold"
+    """`hasl`: molten tin, domed, its glints wander over each pad."""
+    board_oxide: float = 0.0
+    """How tarnished bare metal is, 0..1."""
+    board_ink_dx_um: float = 0.0
+    board_ink_dy_um: float = 0.0
+    board_openings_dx_um: float = 0.0
+    board_openings_dy_um: float = 0.0
+    """Shift of the openings of the solder mask."""
+    board_dirt_per_cm2: float = 0.0
+    """Spots of all sizes and levels; a picture shows some two square centimetres."""
+    board_marks: int = 0
+    """1: the needle leaves a dent in the metal it touches, to be seen from then on."""
+
     # --- the control-point card beside the board: shift, rotation about its centre, height
     card_dx_um: float | None = None
     card_dy_um: float | None = None
@@ -32,6 +48,10 @@ class Knobs:
     card_shift_max_um: float = 100.0
     card_rotation_max_deg: float = 1.0
     card_height_sigma_um: float = 15.0
+
+    # --- reference coin and brush, each beside its nominal place and height
+    spots_shift_max_um: float = 150.0
+    spots_height_sigma_um: float = 15.0
 
     # --- where the axes stand at power-up (X and Y 5..15 mm from home, Z high, theta anywhere)
     x_start_um: float | None = None
@@ -57,6 +77,9 @@ class Knobs:
 
     pin_travel_um: float = 1000.0
     """How far the probe's plunger can be pushed in; what is lowered further presses with the whole pin."""
+
+    head_from_um: float = 15_000.0
+    """How high the lowest of the head, camera and lamps too, is above the free needle's end."""
 
     # --- lights
     lamp_rise_s: float = 0.015
@@ -104,6 +127,39 @@ class Knobs:
     """Position shown at the home edge is this sign times 607Ch (CiA 402: zero = home + offset, hence -1)."""
     outside_limits: Literal["refuse", "clamp"] = "refuse"
     """What happens to a target outside 607Dh."""
+
+    # --- what happens electrically where the needle stands (sim_hw/electric); shares are 0..1, all figures are guesses
+    board_number: int = 0
+    """Which board of its series lies in the nest: each has broken nets and films of its own."""
+    open_share: float = 0.0
+    """Nets with a broken trace."""
+    short_share: float = 0.0
+    """Nets shorted to a neighbour."""
+    misplaced_share: float = 0.0
+    """Ways of X and Y that end up to `misplaced_um` beside their place, until the next way."""
+    misplaced_um: float = 400.0
+    oxide_share: float = 0.0
+    """Pads with a film that a press or two breaks."""
+    stubborn_share: float = 0.0
+    """Pads with a film that hardly breaks, or with a pool of flux on one half."""
+    debris_share: float = 0.0
+    """Touches that leave something on the needle."""
+    harness_ohm: float = 0.0
+    tip_radius_um: float = 25.0
+    tip_wear_um: float = 0.0
+    """By which each touch shortens the needle."""
+    pin_preload_n: float = 0.3
+    pin_rate_n_per_mm: float = 0.6
+    dent_n: float = 0.9
+    """Force above which a pad is dented."""
+    contact_bounce_s: float = 0.015
+    """Longest bounce of a touch; each draws its own."""
+    sense_fitted: int = 1
+    """Whether the touch sense is wired to raw input 4 of the Z drive (60FDh bit 19)."""
+    sense_delay_s: float = 0.002
+    meter_lead_ohm: float = 0.15
+    meter_open_v: float = 0.2
+    """Voltage that the meter's ohms and continuity put across an open pair of leads: high ones break films."""
 
     def with_value(self, name: str, value: object) -> Knobs:
         """Return the knobs with one changed; text is converted to the knob's type.

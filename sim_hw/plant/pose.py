@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import random
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from sim_hw.plant.knobs import Knobs
@@ -13,6 +13,8 @@ ORIGIN_UM = (60_000.0, 40_000.0)
 """CAD origin (lower left of the outline) in the robot frame, nominal."""
 TOUCH_Z_UM = 5_000.0
 """Z at which the tip touches the nominal board plane."""
+NEST_DEPTH_UM = 1_600.0
+"""How far the floor of the nest is below a board's surface."""
 
 
 @dataclass(frozen=True)
@@ -57,9 +59,9 @@ class BoardPose:
     tilt_y_um_per_mm: float = 0.0
 
     @classmethod
-    def drawn(cls, knobs: Knobs, seed: int) -> BoardPose:
-        """Draw a pose from the seed; knobs that are set replace what was drawn."""
-        rng = random.Random(f"{seed}/board")
+    def drawn(cls, knobs: Knobs, seed: int, seat: int = 0) -> BoardPose:
+        """Draw a pose from the seed, anew for each `seat`; knobs that are set replace what was drawn."""
+        rng = random.Random(f"{seed}/board" if seat == 0 else f"{seed}/board/{seat}")
         shift_um = rng.uniform(0.0, knobs.board_shift_max_um)
         direction = rng.uniform(0.0, 2.0 * math.pi)
         rotation_deg = rng.uniform(-1.0, 1.0) * knobs.board_rotation_max_deg
@@ -72,6 +74,12 @@ class BoardPose:
             dz_um=chosen(knobs.board_dz_um, dz_um),
             tilt_x_um_per_mm=chosen(knobs.board_tilt_x_um_per_mm, tilt_x),
             tilt_y_um_per_mm=chosen(knobs.board_tilt_y_um_per_mm, tilt_y),
+        )
+
+    def moved(self, dx_um: float, dy_um: float, turn_deg: float) -> BoardPose:
+        """Return the pose of a board that lies farther off, and turned about the outline's centre."""
+        return replace(
+            self, dx_um=self.dx_um + dx_um, dy_um=self.dy_um + dy_um, rotation_deg=self.rotation_deg + turn_deg
         )
 
     def apply(self, nominal_um: tuple[float, float], centre_um: tuple[float, float]) -> tuple[float, float]:

@@ -1,6 +1,6 @@
 """Scene before the lens: what lies on the bench, the probe in front of it, shadow and glint.
 
-What is NOT modelled: the thickness of components and of the card, reflections of the probe in the solder mask, lens
+What is NOT modelled: the thickness of the card, shadows of parts, reflections of the probe in the solder mask, lens
 distortion.
 """
 
@@ -13,7 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from sim_hw.board.board import ROBOT_ORIGIN_UM, Board
+from sim_hw.board.nest import InNest
 from sim_hw.plant.card import CardPose
+from sim_hw.scene.body import cut_out
+from sim_hw.scene.glint import highlight
 from sim_hw.scene.ground import Ground
 from sim_hw.scene.needle import Needle, NeedleImage
 from sim_hw.scene.needle_shadow import shadow
@@ -26,6 +29,7 @@ _MOVING_VIEWS = 4
 _FAINT_GREY = 1.2
 """Light that would not lift a white thing by this much is left out."""
 _FLEX_LIMIT_PX = 2.0
+_PADS_REACH_UM = 6_000.0
 _GAP_STEP_UM = 25.0
 _WHITE_LAMP = (38.0, 0.75)
 """Where the shadows fall (degrees from the camera's viewing direction) and how long they are."""
@@ -42,6 +46,7 @@ class ScenePlant(Protocol):
     @property
     def knobs(self) -> Any: ...  # noqa: D102
     def state_at(self, t_s: float) -> Head: ...  # noqa: D102
+    def rest_s(self) -> float: ...  # noqa: D102
 
 
 class SceneFaults(Protocol):
@@ -77,20 +82,29 @@ class Scene:
 
     def __init__(self, plant: ScenePlant, board: Board, faults: SceneFaults, seed: int) -> None:
         self._plant = plant
-        self._board = board
+        self._nest = InNest.made(board)
         self._faults = faults
         self._seed = seed
         self.optics = make_optics()
         self.needle = Needle(self.optics, seed)
-        self._ground = Ground(self.optics, board, seed)
+        self._ground = Ground(self.optics, self._nest, seed)
         self._sensor = Sensor(seed)
         self._ready = False
         self._needle_key: tuple[float, float, float, float] | None = None
         self._needle_image: NeedleImage | None = None
         self._shadows: dict[tuple[str, int, int], npt.NDArray[np.float32]] = {}
 
+    @property
+    def _board(self) -> Board:
+        return self._nest.board
+
+    def put(self, nest: InNest) -> None:
+        """Show what lies in the nest now, from the next frame on; may be called from another thread."""
+        self._nest = nest
+
     def render(self, shot: Shot) -> Image:
         """Return the frame (1200, 1600, 3) BGR uint8 of an exposure; the same shot gives the same frame."""
+        self._ground.put(self._nest)
         rng = np.random.default_rng((self._seed, shot.sequence, 7))
         return self._sensor.read(self._expose(shot, rng), self._settings(shot), rng)
 
@@ -105,12 +119,18 @@ class Scene:
             falloff=knobs.camera_falloff,
         )
 
-    def draw_ahead(self) -> bool:
-        """Do a little of what later frames will need; return False once all of it is done."""
+    def draw_ahead(self, goal: Head | None = None) -> bool:
+        """Do a little of what later frames will need; return False once all of it is done.
+
+        `goal` is where the head will come to rest: what is seen from there comes first.
+        """
+        self._ground.put(self._nest)
         if not self._ready:
             self._sensor.prepare(self._settings(Shot(0, NOMINAL_EXPOSURE_S, ())))
             self._ready = True
-        return self._ground.draw_ahead()
+        if goal is None:
+            return self._ground.draw_ahead()
+        return self._ground.draw_ahead(self._stand(goal), self._plant.board_pose)
 
     def tip_px(self, state: Head) -> tuple[float, float]:
         """Return where the end of the probe is in the image, spring, bend and flex of the mount included."""
@@ -182,7 +202,9 @@ class Scene:
     def _ground_image(self, light: str, state: Head) -> Image:
         card = None if self._faults.on("card_gone") else self._plant.card_pose
         covered = self._faults.on("card_covered")
-        both = self._ground.look(self._stand(state), self._plant.board_pose, card, covered=covered)
+        both = self._ground.look(
+            self._stand(state), self._plant.board_pose, card, covered=covered, gone=self._faults.on("board_gone")
+        )
         if both is None:
             return self._bench(light)
         image = cv2.cvtColor(both, cv2.COLOR_BGRA2BGR) if light == "white" else cv2.extractChannel(both, 3)
@@ -228,6 +250,8 @@ class Scene:
         if needle is None:
             return
         height, width = needle.alpha.shape
+        front = self._ground.front
+        before = None if front is None else image.copy()
         region = image[needle.top : needle.top + height, needle.left : needle.left + width]
         look = needle.white if light == "white" else needle.red
         fit = np.s_[: region.shape[0], : region.shape[1]]
@@ -235,10 +259,14 @@ class Scene:
         alpha = np.asarray(cv2.merge([needle.alpha[fit]] * planes)).reshape(region.shape)
         shade = np.asarray(cv2.merge([look[fit]] * planes)).reshape(region.shape)
         region[...] = np.clip(region + (shade - region) * alpha, 0.0, 255.0)
+        if front is not None and before is not None:
+            cut_out([image], [before], front)
 
     def _add_glint(self, images: list[Image], state: Head, rng: np.random.Generator) -> None:
         """Put a small highlight on the probe's cylinder or somewhere on the board, in some frames."""
         chance, place, spot_x, spot_y, size = rng.random(5)
+        if self._faults.on("glint"):
+            self._glint_on_pad(images, state, rng)
         if chance >= self._plant.knobs.camera_glint or not images:
             return
         if place < 0.6 and self._needle_image is not None:
@@ -246,16 +274,19 @@ class Scene:
             centre = tip + self.needle.up * (190.0 + 220.0 * spot_x) + self.needle.across * (24.0 * spot_y - 12.0)
         else:
             centre = np.array([spot_x * WIDTH_PX, spot_y * HEIGHT_PX])
-        sigma_px = 2.0 + 5.0 * size
-        reach = math.ceil(3.0 * sigma_px)
-        column, row = round(float(centre[0])), round(float(centre[1]))
-        rows = np.arange(max(0, row - reach), min(HEIGHT_PX, row + reach + 1))
-        columns = np.arange(max(0, column - reach), min(WIDTH_PX, column + reach + 1))
-        if not len(rows) or not len(columns):
+        highlight(images, centre, 2.0 + 5.0 * size, 90.0)
+
+    def _glint_on_pad(self, images: list[Image], state: Head, rng: np.random.Generator) -> None:
+        """Blind the camera on the pad nearest to the tip, at another place of it in each frame."""
+        places = np.array([self.board_px(state, pad.x_mm, pad.y_mm) for pad in self._pads_about(state)])
+        if not len(places) or not images:
             return
-        away = (rows[:, None] - centre[1]) ** 2 + (columns[None, :] - centre[0]) ** 2
-        bright = 90.0 * np.exp(-away / (2.0 * sigma_px**2))
-        for image in images:
-            region = image[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-            added = bright if image.ndim == 2 else bright[..., None]
-            region[...] = np.clip(region + added, 0.0, 255.0)
+        away = np.hypot(*(places - self.tip_px(state)).T)
+        centre = places[int(np.argmin(away))] + rng.normal(0.0, 4.0, 2)
+        highlight(images, centre, float(self._faults.get("glint")["px"]), 255.0)
+
+    def _pads_about(self, state: Head) -> list[Any]:
+        """Return the pads within a few millimetres of the tip, as if the board lay where it should or nearly so."""
+        place = (state.tip_x_um, state.tip_y_um)
+        nominal = [self._board.nominal_um(pad.x_mm, pad.y_mm) for pad in self._board.pads]
+        return [pad for pad, at in zip(self._board.pads, nominal, strict=True) if math.dist(at, place) < _PADS_REACH_UM]

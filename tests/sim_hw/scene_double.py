@@ -60,6 +60,9 @@ class FakePlant:
     def state_at(self, t_s: float) -> FakeHead:
         return self.head if self.motion is None else self.motion(t_s, self.head)
 
+    def rest_s(self) -> float:
+        return 0.0
+
     def aim(self, board: Board, name: str, dx_um: float = 0.0, dy_um: float = 0.0, **more: float) -> FakeHead:
         """Put the tip over a target of a board that lies as planned, off by (dx, dy) in the robot frame."""
         target = board.target(name)

@@ -17,7 +17,9 @@ import pytest
 import zmq
 
 import sim_hw
+from sim_hw.board.board import load_board
 from sim_hw.bus.modbus import crc16, seal
+from tests.sim_hw.small_board import write_board
 
 ROOT = Path(sim_hw.__file__).parents[1]
 BOARD = ROOT / "sim_hw" / "demo_board"
@@ -105,7 +107,8 @@ def test_ready_names_every_wire(station: Running) -> None:
     assert station.ready["ready"] is True
     assert station.ready["pid"] == station.process.pid
     assert str(Path(station.ready["line"]).readlink()) == station.ready["pty"]
-    assert set(station.ready) == {"ready", "line", "pty", "camera", "bench", "truth", "pid"}
+    wires = {"line", "pty", "camera", "bench", "meter", "meter_pty", "truth"}
+    assert set(station.ready) == {"ready", "pid"} | wires
 
 
 def test_a_homing_and_a_move_come_to_rest_in_the_truth_log_unasked(station: Running) -> None:
@@ -181,6 +184,10 @@ def test_the_bench_turns_knobs_and_power(station: Running) -> None:
         ({"cmd": "set", "name": "board_dx_um"}, 'exactly "name" and "value"'),
         ({"cmd": "set", "name": "board_dx_um", "value": "left"}, "must be a number"),
         ({"cmd": "truth", "deep": True}, "takes nothing else"),
+        ({"cmd": "board", "folder": "/nonexistent"}, "no board folder at /nonexistent"),
+        ({"cmd": "board", "side": "left"}, "neither 'top' nor 'bottom'"),
+        ({"cmd": "board", "upside": "down"}, "takes a text"),
+        ({"cmd": "set", "name": "board_mask", "value": "pink"}, "must be one of green"),
     ],
 )
 def test_the_bench_says_what_is_wrong_and_goes_on(station: Running, request_: dict[str, Any], says: str) -> None:
@@ -205,6 +212,71 @@ def test_left_alone_it_comes_to_idle(station: Running) -> None:
         spent_s = used_s() - before_s
 
 
+LEVEL = {"board_dx_um": 0, "board_dy_um": 0, "board_rotation_deg": 0, "head_runout_scale": 0, "board_marks": 1}
+
+
+@pytest.fixture(scope="module")
+def assembled(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
+    """A small assembled board under a pressed needle (its free end 100 um below the surface)."""
+    folder = tmp_path_factory.mktemp("assembled")
+    board = write_board(folder / "small")
+    knobs = [f"--set={name}={value}" for name, value in {**LEVEL, "z_start_um": 4_900}.items()]
+    running = start(folder, "--unpaced", "--assembled", *knobs, "--board", str(board))
+    yield running
+    end(running)
+
+
+def bring(station: Running, x_um: float, y_um: float) -> dict[str, Any]:
+    """Let X and Y slip until the tip is over a place of the board; return the last record at rest."""
+    for axis, wanted_um, k in (("x", x_um, 0), ("y", y_um, 1)):
+        way_um = wanted_um - station.bench(cmd="truth")["board_um"][k]
+        settled = len([item for item in station.events() if item["event"] == "settled"])
+        assert station.bench(cmd="fault", name="slip", on=True, axis=axis, um=way_um)["ok"]
+        record = station.wait_for("settled", settled + 1)[-1]
+    return record
+
+
+def test_a_touch_is_told_by_net_and_pin_and_leaves_a_dent(assembled: Running) -> None:
+    record = bring(assembled, 13_000.0, 3_000.0)
+    assert (record["on"]["what"], record["on"]["pin"], record["on"]["net"]) == ("metal", "TP1.1", "VIN")
+    assert record["on"]["inside_um"] == pytest.approx(500.0, abs=5.0)
+    assert record["pressed_um"] > 50.0
+    marks = assembled.bench(cmd="status")["marks"]
+    assert marks >= 1
+    assert assembled.bench(cmd="board") == {
+        "ok": True,
+        "board": str(assembled.folder / "small"),
+        "side": "top",
+        "assembled": True,
+        "seat": 1,
+    }
+    assert assembled.bench(cmd="status")["marks"] == marks, "the same board, laid in again"
+
+
+def test_a_part_in_the_needles_way_is_told(assembled: Running) -> None:
+    record = bring(assembled, 3_700.0, 3_000.0)
+    assert (record["on"]["what"], record["on"]["part"]) == ("body", "R1")
+    assert assembled.wait_for("hit_body")[-1]["part"] == "R1"
+
+
+def test_boards_are_exchanged_while_the_station_runs(station: Running) -> None:
+    on_top = {pad["pin"] for pad in station.bench(cmd="pads")["pads"]}
+    assert {"TP1.1", "J1.1"} <= on_top
+    pose = station.bench(cmd="truth")
+    reply = station.bench(cmd="board", side="bottom")
+    assert (reply["ok"], reply["side"], reply["seat"]) == (True, "bottom", 1)
+    assert station.wait_for("board")[-1]["side"] == "bottom"
+    assert station.bench(cmd="truth")["side"] == "bottom"
+    assert station.bench(cmd="pads")["side"] == "bottom"
+    other = write_board(station.folder / "other")
+    assert station.bench(cmd="board", folder=str(other), side="top", assembled=True)["ok"] is True
+    assert {pad["pin"] for pad in station.bench(cmd="pads")["pads"]} == {pad.name for pad in load_board(other).pads}
+    assert station.bench(cmd="board", folder="/nonexistent")["ok"] is False
+    assert station.bench(cmd="status")["board"] == str(other)
+    assert station.bench(cmd="board", folder=str(BOARD), assembled=False)["ok"] is True
+    assert station.bench(cmd="truth")["tip_um"][:2] == pytest.approx(pose["tip_um"][:2])
+
+
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT, None])
 def test_it_ends_cleanly_and_leaves_nothing_behind(tmp_path: Path, how: signal.Signals | None) -> None:
     running = start(tmp_path)
@@ -224,6 +296,8 @@ def test_it_ends_cleanly_and_leaves_nothing_behind(tmp_path: Path, how: signal.S
         (("--set", "board_dx_um"), "needs KNOB=VALUE"),
         (("--speed", "0"), "--speed must be above 0"),
         (("--side", "left"), "invalid choice"),
+        (("--meter-port", "70000"), "--meter-port must be 0 to 65535"),
+        (("--meter-line", "/nonexistent/meter"), "No such file"),
         (("--board", "/nonexistent"), "is not a folder"),
         (("--truth", "/nonexistent/truth.jsonl"), "No such file"),
         (("--bench", "nowhere"), "Invalid argument"),

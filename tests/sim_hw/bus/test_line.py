@@ -34,8 +34,8 @@ class Bus:
         self.drives = slaves
         # Started a second ago: the drives are up.
         clock = SimClock(start_wall_s=time.monotonic() - 1.0)
-        knobs_now = self.plant.knobs
-        self.line = Line({**slaves, 5: self.relay}, clock, self.faults, lambda: knobs_now, seed=1, paced=paced)
+        slaves_all = {**slaves, 5: self.relay}
+        self.line = Line(slaves_all, clock, self.faults, lambda: self.plant.knobs, seed=1, paced=paced)
         self.path = folder / "line"
         self.line.open(self.path)
         self.client = -1
@@ -158,8 +158,10 @@ async def test_a_paced_exchange_takes_its_time_on_the_wire(paced: Bus) -> None:
 
 async def test_a_paced_line_loses_a_request_that_comes_too_soon(paced: Bus) -> None:
     assert await paced.ask(POLL_X) is not None
+    paced.plant.set_knob("bus_gap_ms", 60_000.0)  # whatever the computer does between the two
     assert await paced.ask(POLL_X, SILENT_S) is None
     assert paced.line.statistics.early == 1
+    paced.plant.set_knob("bus_gap_ms", 0.0)
     assert await paced.ask(POLL_X) is not None
 
 

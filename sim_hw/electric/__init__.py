@@ -1,0 +1,1 @@
+"""What happens electrically where the needle stands: contact, pin, soil, circuit, and a meter that measures it."""
