@@ -16,27 +16,34 @@ DeviceError
 |   +-- EmergencyStop       motor power cut or drive switched off from outside, or a quick stop by the program
 +-- CameraError             the camera
 |   +-- CameraTimeout       no fresh picture in time (also a TimeoutError)
+|   +-- FrameLost           one picture that was exposed did not arrive whole
 +-- LightError              the lamps or their relay
++-- MeterError              the measuring instrument (its `trouble` says what kind)
+    +-- MeterTimeout        no answer in time (also a TimeoutError)
 """
+
+from enum import Enum
 
 
 class DeviceError(Exception):
     """Base of everything raised by the drivers.
 
-    `device` names the device; an error about one axis as a whole has the axis' name there. `advice` says what to do
-    next. What else is known of the error stands in its fields, each None when it is not known:
+    `message` is for who runs the station: no name of a register or a function. `technical` has those, for who mends the
+    drive or the line; `str()` gives both. `device` names the device; an error about one axis as a whole has the axis'
+    name there. `advice` says what to do next. What else is known stands in fields, each None when it is not known:
 
     - `axis`: the axis whose drive was asked when the line or the drive failed, by its name in the configuration.
     - `object`: the object that was read or written, index and subindex as in the drive's manual: "6041h:00".
     - `drive_code`: the drive's own error code, object 603Fh.
-    - `exception`: the refusal's number: below 256 a Modbus exception code, else an SDO abort code.
+    - `exception`: the refusal's number: below 0 of SCPI, below 256 of Modbus, else an SDO abort code.
     """
 
     default_advice = "See the log for what happened just before."
 
-    def __init__(self, message: str, *, device: str, advice: str | None = None) -> None:
+    def __init__(self, message: str, *, device: str, advice: str | None = None, technical: str = "") -> None:
         super().__init__(message)
         self.message = message
+        self.technical = technical
         self.device = device
         self.advice = advice if advice is not None else self.default_advice
         self.axis: str | None = None
@@ -45,6 +52,11 @@ class DeviceError(Exception):
         self.exception: int | None = None
 
     def __str__(self) -> str:
+        return f"{self.in_words}{f' ({self.technical})' if self.technical else ''}"
+
+    @property
+    def in_words(self) -> str:
+        """Say what happened to which device, for who runs the station."""
         return f"{self.device}: {self.message}"
 
     def fields(self) -> dict[str, str | int]:
@@ -82,7 +94,10 @@ class DeadlinePassed(LinkTimeout):
     Examples: a move's deadline that ends between two looks at the axis, a line busy with other requests.
     """
 
-    default_advice = "Give the operation more time."
+    default_advice = (
+        "Ask again with a later deadline. If it happens again, see in the job's times what is slow: a busy line, a low "
+        "speed, a computer under load."
+    )
 
 
 class ReplyError(DeviceError):
@@ -103,8 +118,8 @@ class DeviceRefused(DeviceError):
 
     default_advice = "Compare the device's model and firmware with the configuration."
 
-    def __init__(self, message: str, *, device: str, code: int, advice: str | None = None) -> None:
-        super().__init__(message, device=device, advice=advice)
+    def __init__(self, message: str, *, device: str, code: int, advice: str | None = None, technical: str = "") -> None:
+        super().__init__(message, device=device, advice=advice, technical=technical)
         self.code = self.exception = code
 
 
@@ -117,8 +132,10 @@ class MotionError(DeviceError):
 
     default_advice = "Look at the axis, then reset and home again."
 
-    def __init__(self, message: str, *, device: str, advice: str | None = None, drive_code: int = 0) -> None:
-        super().__init__(message, device=device, advice=advice)
+    def __init__(
+        self, message: str, *, device: str, advice: str | None = None, drive_code: int = 0, technical: str = ""
+    ) -> None:
+        super().__init__(message, device=device, advice=advice, technical=technical)
         self.drive_code = drive_code or None
 
 
@@ -139,8 +156,8 @@ class DriveFault(MotionError):
 
     default_advice = "Remove the cause the drive names, then reset."
 
-    def __init__(self, message: str, *, device: str, code: int, advice: str | None = None) -> None:
-        super().__init__(message, device=device, advice=advice, drive_code=code)
+    def __init__(self, message: str, *, device: str, code: int, advice: str | None = None, technical: str = "") -> None:
+        super().__init__(message, device=device, advice=advice, drive_code=code, technical=technical)
         self.code = code
 
 
@@ -211,6 +228,15 @@ class CameraTimeout(CameraError, TimeoutError):
     default_advice = "Check the camera's cable and light; re-plug it if it stays frozen."
 
 
+class FrameLost(CameraError):
+    """A picture that was exposed did not arrive whole; the next one may.
+
+    Examples: torn on its way, the camera went while it was sent.
+    """
+
+    default_advice = "Check the camera's cable, and that nothing else uses its line."
+
+
 class LightError(DeviceError):
     """The lamps could not be switched, or their relay reads back something else.
 
@@ -218,3 +244,46 @@ class LightError(DeviceError):
     """
 
     default_advice = "Check the relay board's power, address and wiring."
+
+
+class MeterTrouble(Enum):
+    """What is wrong with a measuring instrument, each with what a person does next."""
+
+    ADDRESS = "Set [meter] address to the instrument's host:port or its serial port; see that it is plugged in."
+    REFUSED = (
+        "Switch the instrument on and its SCPI socket too; check the port (5025 on most). Some serve one client only."
+    )
+    BUSY = "End the other program that has the port open."
+    UNREACHABLE = "Check the instrument's power, network cable and address."
+    LOST = "Check the instrument's power and cable; somebody may have switched it off."
+    SILENT = "Check that it is on and not in local lock-out, and baud rate, cable and terminator."
+    SLOW = "Give it more time ([meter] answer_ms), or measure shorter: fewer NPLC, a fixed range."
+    UNFINISHED = "Set [meter] terminator to what ends the instrument's answers; check baud rate and cable."
+    GARBAGE = "Check the baud rate, and that the address is the instrument's SCPI port and not another service's."
+    DIALECT = "Give this method's commands as the instrument's manual has them: [meter.methods.NAME] commands and read."
+    OTHER = "Connect the instrument that [meter] model names, or change the name."
+    INVALID = "Look at the instrument: it answered that it has no valid value."
+
+
+class MeterError(DeviceError):
+    """The measuring instrument cannot be reached, does not answer, or does not understand; `trouble` says which.
+
+    Examples: nothing listens at the address, an answer that is no number, a command it does not know (`exception` is
+    then its SCPI error number, below zero).
+    """
+
+    def __init__(self, message: str, trouble: MeterTrouble, *, device: str = "meter", code: int | None = None) -> None:
+        super().__init__(message, device=device, advice=trouble.value)
+        self.trouble = trouble
+        self.exception = code
+
+    def fields(self) -> dict[str, str | int]:
+        """Give the fields that are known, by their names, and the kind of trouble in lower case."""
+        return {**super().fields(), "trouble": self.trouble.name.lower()}
+
+
+class MeterTimeout(MeterError, TimeoutError):
+    """The measuring instrument did not answer in time.
+
+    Examples: it is off, it integrates for longer than it is waited for, its answers end otherwise than configured.
+    """

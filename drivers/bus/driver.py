@@ -207,7 +207,7 @@ class ModbusBus:
             try:
                 return od.read_value(telegram, checks.od_telegram(reply, device), signed=entry.signed)
             except ValueError as exc:
-                raise ReplyError(f"{entry}: {exc}", device=device) from exc
+                raise ReplyError(checks.FOREIGN, device=device, technical=f"{entry}: {exc}") from exc
 
         return await self._ask(OdPdu(telegram.encode(), _slave(device_id)), deadline, value)
 
@@ -226,7 +226,7 @@ class ModbusBus:
             try:
                 od.check_write_reply(telegram, checks.od_telegram(reply, device))
             except ValueError as exc:
-                raise ReplyError(f"{entry}: {exc}", device=device) from exc
+                raise ReplyError(checks.FOREIGN, device=device, technical=f"{entry}: {exc}") from exc
 
         await self._ask(OdPdu(telegram.encode(), _slave(device_id)), deadline, check, od_write=True)
 
@@ -271,7 +271,7 @@ class ModbusBus:
     ) -> T:
         device = self._device(request.dev_id)
         if deadline.expired:
-            raise DeadlinePassed(f"no time left for FC {request.function_code}", device=device)
+            raise DeadlinePassed("no time was left to ask it", device=device, technical=f"FC {request.function_code}")
         try:
             async with asyncio.timeout(deadline.remaining_s):
                 await self._lock.acquire()
@@ -282,8 +282,8 @@ class ModbusBus:
         except LinkTimeout:
             raise
         except TimeoutError as exc:
-            text = f"deadline passed during FC {request.function_code}"
-            raise DeadlinePassed(text, device=device) from exc
+            technical = f"FC {request.function_code}"
+            raise DeadlinePassed("deadline passed before it answered", device=device, technical=technical) from exc
 
     def _over(self, task: asyncio.Task[ModbusPDU]) -> None:
         self._open_requests.discard(task)

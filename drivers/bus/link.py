@@ -5,8 +5,11 @@ The only file that touches the client library; none of its exceptions (nor termi
 
 import asyncio
 import contextlib
+import errno
+import os
 import termios
 import time
+import traceback
 from collections.abc import Callable, Coroutine
 from typing import Any, Literal, cast
 
@@ -124,13 +127,13 @@ class Link:
             return self._hears_itself(device)
         rest = self._client.ctx.recv_buffer
         if rest:
-            text = f"no sound frame in the reply to FC {request.function_code}: {rest[:40].hex(' ')}"
-            return ReplyError(text, device=device)
-        waited = f"within {self._timing.timeout_s * 1000:.0f} ms"
-        return LinkTimeout(f"no answer to FC {request.function_code} {waited}", device=device)
+            technical = f"no sound frame in the reply to FC {request.function_code}: {rest[:40].hex(' ')}"
+            return ReplyError("its answer was garbled on the line", device=device, technical=technical)
+        text = f"no answer within {self._timing.timeout_s * 1000:.0f} ms"
+        return LinkTimeout(text, device=device, technical=f"FC {request.function_code}")
 
     def _broken(self, text: str) -> LinkError:
-        cause = f" ({self._cause})" if self._cause is not None else ""
+        cause = f" ({_in_words(self._cause)})" if self._cause is not None else ""
         return LinkError(text + cause, device=str(self.line), advice=_advice(self._cause))
 
     def _flush(self) -> None:
@@ -182,6 +185,9 @@ class Link:
             try:
                 return await create()
             except (OSError, termios.error, ValueError) as exc:
+                # What the library opened and could not set it leaves to its frames, with the port's lock: the next try
+                # would find the port held by somebody, which is itself
+                traceback.clear_frames(exc.__traceback__)
                 self._cause = exc
                 raise OSError(str(exc)) from exc
 
@@ -212,6 +218,14 @@ def _is_echo(request: bytes, heard: bytes) -> bool:
     reads = function in (1, 3, 4) or (function == od.FUNCTION_CODE and request[3] == 0)
     behind = len(heard) - len(request)
     return reads and heard.startswith(request) and (behind == 0 or behind > _SHORTEST_FRAME)
+
+
+def _in_words(cause: BaseException) -> str:
+    """Return what the system says, once: a port's own error repeats number and path."""
+    number = cause.errno if isinstance(cause, OSError) else None
+    if number == errno.EAGAIN:
+        return "it is locked"
+    return os.strerror(number) if number else str(cause)
 
 
 def _advice(cause: BaseException | None) -> str | None:

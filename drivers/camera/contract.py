@@ -68,6 +68,17 @@ class CameraStatistics:
     reopened: int = 0
 
 
+class Exposed(Protocol):
+    """A picture that has been exposed and is on its way: light and scene may change, its pixels do not."""
+
+    @property
+    def over_s(self) -> float:
+        """Give when its exposure was known to be over, all rows of it (CLOCK_MONOTONIC)."""
+
+    async def frame(self, deadline: Deadline) -> Frame:
+        """Give this picture and no other; raise FrameLost where it did not arrive whole, CameraTimeout where late."""
+
+
 class Camera(Protocol):
     """A camera that always runs, and gives the first picture exposed after a given instant."""
 
@@ -76,6 +87,9 @@ class Camera(Protocol):
 
     async def frame_after(self, t_s: float, deadline: Deadline) -> Frame:
         """Give the first frame whose exposure began at or after `t_s`; raise CameraTimeout when none comes."""
+
+    async def exposed_after(self, t_s: float, deadline: Deadline) -> Exposed:
+        """Give the same frame as soon as it is exposed, before it is sent and decoded; raise as `frame_after`."""
 
     def settings(self) -> Mapping[str, float | None]:
         """Give what the camera reads back as its settings."""

@@ -6,28 +6,52 @@ without end, and decodes a picture only when somebody waits for one exposed late
 
 import asyncio
 import threading
+import time
 import zlib
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import structlog
 
-from drivers.camera.contract import CameraConfig, CameraStatistics, Frame, Pixels
+from drivers.camera.contract import CameraConfig, CameraStatistics, Exposed, Frame, Pixels
 from drivers.camera.source import Grabbed, Settings, Source
 from drivers.deadline import Deadline
-from drivers.errors import CameraError, CameraTimeout
+from drivers.errors import CameraError, CameraTimeout, FrameLost
 
 CLOSE_WITHIN_S = 3.0
 """Longest wait for the thread to end. A device that hangs in a system call keeps it longer, but nobody else."""
+_T = TypeVar("_T")
 
 
 @dataclass(slots=True, eq=False)
 class _Wish:
-    """Somebody waits for a picture exposed at or after `after_s`."""
+    """Somebody waits for a picture exposed at or after `after_s`.
+
+    exposed: who wants to know as soon as it is exposed; from then on that picture serves it and no later one.
+    """
 
     after_s: float
     future: "Future[Frame]"
+    exposed: "Future[float] | None" = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _OnItsWay:
+    """One picture between its exposure and its last decoded row; see `Exposed`."""
+
+    over_s: float
+    device: str
+    future: "Future[Frame]"
+
+    async def frame(self, deadline: Deadline) -> Frame:
+        """Give it, or raise FrameLost or CameraTimeout."""
+        try:
+            async with asyncio.timeout(deadline.remaining_s):
+                return await asyncio.wrap_future(self.future)
+        except TimeoutError as exc:
+            raise CameraTimeout("a picture that was exposed did not arrive in time", device=self.device) from exc
 
 
 class RunningCamera:
@@ -39,6 +63,8 @@ class RunningCamera:
         self._log = structlog.get_logger().bind(device=config.device)
         self._lock = threading.Lock()
         self._wishes: list[_Wish] = []
+        self._bound: list[_Wish] = []
+        """Wishes that the picture which is just fetched and decoded has to serve."""
         self._settings: Settings = {}
         self._statistics = CameraStatistics()
         self._trouble: str | None = None
@@ -77,14 +103,27 @@ class RunningCamera:
         Raises CameraTimeout, which says what is wrong with the camera when that is known. May be called by
         several tasks at a time; a cancelled call leaves nothing behind.
         """
-        if self._thread is None:
-            raise CameraError("is not open", device=self.config.device, advice="Call open first.")
         wish = _Wish(t_s, Future())
+        return await self._wait(wish, wish.future, deadline)
+
+    async def exposed_after(self, t_s: float, deadline: Deadline) -> Exposed:
+        """Give the first picture whose exposure began at or after `t_s` as soon as it is exposed.
+
+        It is on its way then: lamps may be switched while it is fetched and decoded. Raises as `frame_after`.
+        """
+        exposed: Future[float] = Future()
+        wish = _Wish(t_s, Future(), exposed)
+        return _OnItsWay(await self._wait(wish, exposed, deadline), self.config.device, wish.future)
+
+    async def _wait(self, wish: _Wish, awaited: "Future[_T]", deadline: Deadline) -> _T:
+        """Register a wish and wait for one of its futures; whatever ends that leaves no wish behind."""
+        if self._thread is None:
+            raise CameraError("is not open", device=self.config.device, advice="Reset: it is opened again then.")
         with self._lock:
             self._wishes.append(wish)
         try:
             async with asyncio.timeout(deadline.remaining_s):
-                return await asyncio.wrap_future(wish.future)
+                return await asyncio.wrap_future(awaited)
         except TimeoutError as exc:
             trouble = f": {self._trouble}" if self._trouble else ""
             text = f"no picture exposed after the wanted instant came in time{trouble}"
@@ -217,25 +256,58 @@ class RunningCamera:
         return wanted
 
     def _deliver(self, source: Source, grabbed: Grabbed) -> None:
+        """Fetch and decode a picture that is exposed, and give it to who waits for it."""
+        bound = self._bind(grabbed)
+        frame: Frame | None = None
+        try:
+            frame = self._whole(source, grabbed)
+        finally:
+            self._serve(bound, frame)
+
+    def _bind(self, grabbed: Grabbed) -> list[_Wish]:
+        """Tell who waits for an exposure that it is over: this picture is theirs, whole or not."""
+        over_s = time.monotonic()
+        with self._lock:
+            bound = [w for w in self._wishes if w.exposed and w.after_s <= grabbed.exposure_start_s]
+            self._wishes = [wish for wish in self._wishes if wish not in bound]
+            self._bound += bound
+        for wish in bound:
+            if wish.exposed and wish.exposed.set_running_or_notify_cancel():
+                wish.exposed.set_result(over_s)
+        return bound
+
+    def _whole(self, source: Source, grabbed: Grabbed) -> Frame | None:
+        """Return the picture; None where it is torn, or the one before once more."""
         got = source.retrieve()
         if got is None:
             self._count(undecodable=1)
             self._trouble = "pictures arrive torn"
-            return
+            return None
         if self._is_frozen(got.pixels):
             self._count(identical=1)
             self._trouble = "camera is frozen: the same picture again and again"
-            return
+            return None
         self._trouble = None
         got.pixels.setflags(write=False)
-        frame = Frame(
+        return Frame(
             got.pixels, grabbed.exposure_start_s, grabbed.exposure_s, grabbed.sequence, received_s=got.received_s
         )
+
+    def _serve(self, bound: list[_Wish], frame: Frame | None) -> None:
+        """Give a picture to those that are bound to it and to all that it is late enough for; None: it was lost."""
         with self._lock:
-            served = [wish for wish in self._wishes if wish.after_s <= frame.exposure_start_s]
-            self._wishes = [wish for wish in self._wishes if wish not in served]
+            served = [wish for wish in bound if wish in self._bound]  # a closed camera has refused the others
+            self._bound = [wish for wish in self._bound if wish not in bound]
+            if frame is not None:
+                served += [w for w in self._wishes if w.exposed is None and w.after_s <= frame.exposure_start_s]
+                self._wishes = [wish for wish in self._wishes if wish not in served]
         for wish in served:
-            if wish.future.set_running_or_notify_cancel():
+            if not wish.future.set_running_or_notify_cancel():
+                continue
+            if frame is None:
+                text = f"a picture that was exposed did not arrive whole: {self._trouble or 'the camera failed'}"
+                wish.future.set_exception(FrameLost(text, device=self.config.device))
+            else:
                 self._count(delivered=1)
                 wish.future.set_result(frame)
 
@@ -254,10 +326,11 @@ class RunningCamera:
 
     def _refuse_all(self, exc: CameraError) -> None:
         with self._lock:
-            wishes, self._wishes = self._wishes, []
+            wishes, self._wishes, self._bound = [*self._wishes, *self._bound], [], []
         for wish in wishes:
-            if wish.future.set_running_or_notify_cancel():
-                wish.future.set_exception(exc)
+            for future in (wish.exposed, wish.future):
+                if future is not None and not future.done() and future.set_running_or_notify_cancel():
+                    future.set_exception(exc)
 
     def _count(self, **more: int) -> None:
         old = self._statistics

@@ -4,9 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
-import cv2
-import numpy as np
-
 from drivers.camera.contract import Pixels
 
 Settings = Mapping[str, float | None]
@@ -36,24 +33,10 @@ class Source(Protocol):
         """Open, set everything, start the stream; give what was read back."""
 
     def grab(self) -> Grabbed | None:
-        """Take the oldest picture of the queue, waiting for one; None when none came in time."""
+        """Take the oldest picture of the queue, all of it exposed, waiting for one; None when none came in time."""
 
     def retrieve(self) -> Retrieved | None:
         """Decode the grabbed picture, (H, W, 3) uint8 BGR; None when it is torn."""
 
     def close(self) -> None:
         """Let go of the camera; safe to call at any time."""
-
-
-def decode_jpeg(data: bytes, width_px: int, height_px: int) -> Pixels | None:
-    """Decode one JPEG picture; None when it is torn, cut short or not of this size."""
-    # A cut JPEG often decodes with a grey rest: the end-of-image mark must be there
-    if not data.rstrip(b"\0").endswith(b"\xff\xd9"):
-        return None
-    try:
-        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
-    except cv2.error:
-        return None
-    if pixels is None or pixels.shape != (height_px, width_px, 3):
-        return None
-    return np.asarray(pixels, np.uint8)

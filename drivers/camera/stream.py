@@ -12,8 +12,9 @@ import numpy as np
 import zmq
 
 from drivers.camera.contract import CameraConfig, Pixels
+from drivers.camera.jpeg import decode_jpeg
 from drivers.camera.running import RunningCamera
-from drivers.camera.source import Grabbed, Retrieved, Settings, decode_jpeg
+from drivers.camera.source import Grabbed, Retrieved, Settings
 from drivers.errors import CameraError, CameraTimeout
 
 _VERSION: Final = 1
@@ -25,6 +26,7 @@ _AUTOMATIC: Final = {
     "focus": "auto_focus",
     "white_balance_k": "auto_white_balance",
 }
+_SENSELESS = "its server's answer makes no sense"
 
 
 class StreamSource:
@@ -83,7 +85,7 @@ class StreamSource:
         except CameraTimeout:
             return None
         except (KeyError, TypeError, ValueError) as exc:
-            raise CameraError(f"grab reply without sense: {exc!r}", device=self._config.device) from exc
+            raise CameraError(_SENSELESS, device=self._config.device, technical=f"grab reply: {exc!r}") from exc
 
     def retrieve(self) -> Retrieved | None:
         """Fetch and decode the held picture."""
@@ -147,7 +149,7 @@ class StreamSource:
                 if reply["v"] == _VERSION and reply["n"] == self._number:
                     return reply, parts[1] if len(parts) > 1 else b""
             except (ValueError, KeyError, TypeError) as exc:
-                raise CameraError(f"reply without sense: {exc!r}", device=self._config.device) from exc
+                raise CameraError(_SENSELESS, device=self._config.device, technical=f"reply: {exc!r}") from exc
         text = f"no reply within {timeout_s:g} s"
         raise CameraError(text, device=self._config.device, advice="Check that the camera's server runs.")
 

@@ -9,8 +9,9 @@ import cv2
 import numpy as np
 
 from drivers.camera.contract import CameraConfig, Pixels
+from drivers.camera.jpeg import decode_jpeg
 from drivers.camera.running import RunningCamera
-from drivers.camera.source import Grabbed, Retrieved, Settings, decode_jpeg
+from drivers.camera.source import Grabbed, Retrieved, Settings
 from drivers.errors import CameraError
 
 # V4L2's automatic exposure menu, as UVC cameras have it: 1 manual, 3 aperture priority

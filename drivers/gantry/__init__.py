@@ -1,8 +1,11 @@
 """X, Y, Z and theta as one machine."""
 
 from drivers.gantry.contract import (
+    THETA_FIRST_DEG,
+    THETA_LAST_DEG,
     AxisCondition,
     AxisSettings,
+    ClearHeight,
     GantryAxis,
     GantryConfig,
     Position,
@@ -13,8 +16,11 @@ from drivers.gantry.driver import AXES, Gantry
 
 __all__ = [
     "AXES",
+    "THETA_FIRST_DEG",
+    "THETA_LAST_DEG",
     "AxisCondition",
     "AxisSettings",
+    "ClearHeight",
     "Gantry",
     "GantryAxis",
     "GantryConfig",

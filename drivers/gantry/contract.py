@@ -1,6 +1,7 @@
 """Coordinates and settings of the machine, and what it needs of each axis. No I/O."""
 
 import math
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -29,12 +30,21 @@ class Position:
     theta_deg: float
 
 
+StopOthers = Callable[[], Awaitable[None]]
+ClearHeight = Callable[[Sequence[Position]], float | None]
+"""Gives the lowest Z at which a way through these places is clear, um; None where that is in doubt.
+
+Between two of the places each axis goes by its own ramps, so that the head may pass anywhere within the box that they
+span, at any angle between theirs. Theta is the axis coordinate; Z of the places says nothing.
+"""
+
+
 @dataclass(frozen=True, slots=True)
 class GantryConfig:
     """How the four axes move as one machine."""
 
     safe_z_um: float = 12000.0
-    """Height from which lateral and rotary moves are free."""
+    """Height from which lateral and rotary moves are free, whatever stands below; a `ClearHeight` may allow less."""
     slow_z_um: float = -math.inf
     """Highest place where the needle may meet a surface: below it Z goes down at `slow_um_s` only."""
     slow_um_s: float = 2000.0
@@ -98,6 +108,14 @@ class SelfTest(Protocol):
     def fit(self) -> bool:
         """Whether nothing speaks against work: no error, no fault, not on a limit switch."""
 
+    @property
+    def homed(self) -> bool:
+        """Whether its drive has its reference."""
+
+    @property
+    def position_units(self) -> float:
+        """Where it was."""
+
 
 class AxisCondition(Protocol):
     """What an axis says of itself."""
@@ -109,6 +127,10 @@ class AxisCondition(Protocol):
     @property
     def homed(self) -> bool:
         """Whether its drive still has its reference."""
+
+    @property
+    def position_units(self) -> float:
+        """Where it is."""
 
     @property
     def error_code(self) -> int:
@@ -152,11 +174,25 @@ class GantryAxis(Protocol):
     async def start(self, deadline: Deadline) -> SelfTest:
         """Identify the drive and set it up. Moves nothing; a drive found running is halted."""
 
-    async def homed(self, deadline: Deadline) -> bool:
-        """Ask the drive, never a memory of it, whether it has its reference; raise EmergencyStop when it lost it."""
+    async def homed(self, deadline: Deadline, since_s: float = math.inf) -> bool:
+        """Ask the drive whether it has its reference; raise EmergencyStop when it lost it.
 
-    async def position(self, deadline: Deadline) -> float:
-        """Give where it is."""
+        A look taken since `since_s` (monotonic) that shows it running will do; infinity: it is asked.
+        """
+
+    async def position(self, deadline: Deadline, since_s: float = math.inf) -> float:
+        """Give where it is; where it stands, a look taken since `since_s` (monotonic) will do."""
+
+    @property
+    def looked_at_s(self) -> float:
+        """When the drive was last looked at, monotonic; minus infinity where it was told something since."""
+
+    @property
+    def due_s(self) -> float:
+        """When the move under way can be over at the earliest, monotonic."""
+
+    async def raw_input(self, number: int, deadline: Deadline) -> bool:
+        """Tell whether a digital input of its drive, from 1, is high."""
 
     async def health(self, deadline: Deadline) -> AxisCondition:
         """Collect what the drive says of itself."""
@@ -164,17 +200,38 @@ class GantryAxis(Protocol):
     def check(self, target_units: float) -> None:
         """Raise EnvelopeViolation for a target out of range."""
 
-    async def begin_move(self, target_units: float, deadline: Deadline, speed_units_s: float | None = None) -> None:
-        """Start a move; returns when the drive has taken the target. `speed_units_s`: at most; None: the axis' own."""
+    async def aim(
+        self,
+        target_units: float,
+        deadline: Deadline,
+        speed_units_s: float | None = None,
+        since_s: float = math.inf,
+    ) -> None:
+        """Make ready for a move, of which nothing begins yet. `speed_units_s`: at most; None: the axis' own.
 
-    async def arrived(self, deadline: Deadline) -> bool:
-        """Look at the move begun before; raise what made it fail."""
+        `since_s`: whether the drive runs is told by a look taken since then (monotonic); infinity: it is asked.
+        """
 
-    async def check_standing(self, deadline: Deadline) -> None:
-        """Look at an axis that stands while others move; raise what it has met. One short question to the drive."""
+    async def go(self, deadline: Deadline) -> None:
+        """Begin the move that was aimed at; returns when the drive was told."""
 
-    async def home(self, deadline: Deadline) -> None:
-        """Find the reference, and keep in the drive that it was found."""
+    async def arrived(self, deadline: Deadline, stop_others: StopOthers | None = None) -> bool:
+        """Look at the move begun before; raise what made it fail.
+
+        `stop_others` is done first where the drive is seen not to run: to ask it why takes a while.
+        """
+
+    async def check_standing(self, deadline: Deadline, stop_others: StopOthers | None = None) -> None:
+        """Look at an axis that stands while others move; raise what it has met. One short question to the drive.
+
+        `stop_others`: as above.
+        """
+
+    async def home(self, deadline: Deadline, stop_others: StopOthers | None = None) -> None:
+        """Find the reference, and keep in the drive that it was found.
+
+        `stop_others` is done when the run fails: before the drive is asked why, and beside its own halt.
+        """
 
     async def forget_homing(self, deadline: Deadline) -> None:
         """Take that mark away from the drive, and read back that it is gone."""

@@ -1,10 +1,13 @@
 """X, Y, Z and theta as one machine: safe paths, coordinated waits, every axis stopped when one fails."""
 
 import asyncio
+import math
 import time
-from collections.abc import AsyncIterator, Iterable, Mapping
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterable, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import structlog
 
@@ -22,23 +25,36 @@ from drivers.errors import (
 from drivers.gantry.contract import (
     READ_BACK_UM,
     AxisCondition,
+    ClearHeight,
     GantryAxis,
     GantryConfig,
     Position,
     SelfTest,
+    StopOthers,
     axis_theta_deg,
 )
 from drivers.gantry.path import Ends, Leg, plan
 from drivers.shielded import finish
 
 AXES = ("x", "y", "z", "theta")
+# While a leg is under way, one of the axes is looked at after so many of its pauses: each in turn, the one that was
+# longest not looked at: a round of all four takes 80 ms. What is due by its trapezoid is looked at then; a look on its
+# way delays that by half a millisecond a leg
+WATCH_EVERY_POLLS = 2
+# What was looked at so short a time ago is not asked again before a move: one after the other, four looks are as old
+FRESH_S = 0.1
+# No leg begins with a drive that was not looked at for so long
+STALE_S = 0.25
+# While an axis homes, one of the others is asked after so many of its pauses: the line is left to the one that moves
+LOOK_EVERY_POLLS = 2
 _NAME = "gantry"
 
 
 class Gantry:
     """The whole machine. One move at a time; a second one is refused, stops always get through.
 
-    Every move retracts Z before anything lateral, comes to its target from one side, and is checked on arrival.
+    Every move raises Z to a clear height before anything lateral, comes to its target from one side, and is checked on
+    arrival.
     A failure, an expired deadline or a cancelled caller halts all four axes before it is raised.
     """
 
@@ -85,10 +101,18 @@ class Gantry:
         """
         return not await self._not_homed(deadline or Deadline.after(2.0))
 
-    async def position(self, deadline: Deadline) -> Position:
-        """Give where the machine is; theta as the axis coordinate (-220..100 deg)."""
-        at = {name: await axis.position(deadline) for name, axis in self._axes.items()}
+    async def position(self, deadline: Deadline, since_s: float | None = None) -> Position:
+        """Give where the machine is; theta as the axis coordinate (-220..100 deg).
+
+        An axis that stands and was looked at since `since_s` (monotonic; None: a moment ago) is not asked again.
+        """
+        since_s = time.monotonic() - FRESH_S if since_s is None else since_s
+        at = {name: await axis.position(deadline, since_s) for name, axis in self._axes.items()}
         return Position(at["x"], at["y"], at["z"], at["theta"])
+
+    async def raw_input(self, axis: str, number: int, deadline: Deadline) -> bool:
+        """Tell whether a digital input of a drive, from 1, is high."""
+        return await self._axes[axis].raw_input(number, deadline)
 
     async def health(self, deadline: Deadline) -> tuple[AxisCondition, ...]:
         """Give what each drive says of itself, in the order x, y, z, theta."""
@@ -125,24 +149,28 @@ class Gantry:
         *,
         from_above: frozenset[str] = frozenset(),
         slow_z_um: float | None = None,
+        clear: ClearHeight | None = None,
     ) -> Position:
         """Move to an absolute place and give where the drives report to be.
 
         X, Y and theta come to it from below; those in `from_above` from above, to measure backlash. Z goes down slowly
         below `slow_z_um`: the highest that the surface can be there, None where only the configuration says it.
+        `clear` is asked once how low the way across may be; None: it goes at the safe height.
 
         Raises EnvelopeViolation, NotHomed or EmergencyStop before anything moves, MotionTimeout at the deadline, and
         what the axes raise. Cancellation stops all axes first.
         """
         place = self.check(target)
         async with self._motion():
-            missing = await self._not_homed(deadline)
+            last_s = time.monotonic() - FRESH_S
+            missing = await self._not_homed(deadline, last_s)
             if missing:
                 raise NotHomed(f"no reference on {', '.join(missing)}", device=_NAME)
-            now = await self.position(deadline)
-            for leg in plan(now, place, self.config, self._ends, from_above, slow_z_um):
+            now = await self.position(deadline, last_s)
+            for leg in plan(now, place, self.config, self._ends, from_above, slow_z_um, clear):
+                last_s = time.monotonic()
                 await self._run(leg, deadline)
-            reached = await self.position(deadline)
+            reached = await self.position(deadline, last_s)
             self._check_arrival(place, reached)
             return reached
 
@@ -150,35 +178,51 @@ class Gantry:
         """Find the references: Z first and up to the safe height, then theta, then X and Y."""
         async with self._motion():
             z, safe_um = self._axes["z"], self.config.safe_z_um
-            await z.home(deadline)
+            await self._home(("z",), deadline)
             if await z.position(deadline) < safe_um:
                 await self._run(Leg({"z": safe_um}), deadline)
-            await self._axes["theta"].home(deadline)
-            try:
-                async with asyncio.TaskGroup() as group:
-                    for name in ("x", "y"):
-                        group.create_task(self._axes[name].home(deadline))
-            except BaseExceptionGroup as failures:
-                raise failures.exceptions[0] from failures
+            await self._home(("theta",), deadline)
+            await self._home(("x", "y"), deadline)
+
+    async def _home(self, names: tuple[str, ...], deadline: Deadline) -> None:
+        """Home some axes together; one of the others that fails meanwhile ends it."""
+        standing = [axis for name, axis in self._axes.items() if name not in names]
+        runs = _HomingRuns()
+        try:
+            async with asyncio.TaskGroup() as group:
+                watch = group.create_task(self._watch(standing, deadline, partial(runs.end_others, "standing")))
+                for name in names:
+                    run = self._axes[name].home(deadline, partial(runs.end_others, name))
+                    runs.tasks[name] = group.create_task(run)
+                await asyncio.wait(runs.tasks.values())
+                if runs.ended_by is None:
+                    watch.cancel()
+        except BaseExceptionGroup as failures:
+            raise failures.exceptions[0] from failures
+
+    async def _watch(self, standing: Iterable[GantryAxis], deadline: Deadline, stop_others: StopOthers) -> None:
+        """Ask axes that stand how they are, one after the other, until cancelled or one raises."""
+        while True:
+            for axis in standing:
+                await asyncio.sleep(LOOK_EVERY_POLLS * axis.config.poll_s)
+                await axis.check_standing(deadline, stop_others)
 
     async def _run(self, leg: Leg, deadline: Deadline) -> None:
-        """Start the axes of one leg and poll them until all are there; an axis that stands and fails ends it too.
-
-        Those that stand are asked in the pause between two polls, so that looking at them delays nothing.
-        """
+        """Start the axes of one leg together and look until all are there; one that stands and fails ends it too."""
+        await self._look_at_stale(leg, deadline)
         for name, at in leg.to.items():
-            await self._axes[name].begin_move(at, deadline, leg.speed_units_s)
-        under_way = set(leg.to)
-        while under_way:
-            for name in sorted(under_way):
-                if await self._axes[name].arrived(deadline):
-                    under_way.discard(name)
-            if under_way:
-                next_s = time.monotonic() + min(self._axes[name].config.poll_s for name in under_way)
-                for name, axis in self._axes.items():
-                    if name not in under_way:
-                        await axis.check_standing(deadline)
-                await asyncio.sleep(max(0.0, next_s - time.monotonic()))
+            await self._axes[name].aim(at, deadline, leg.speed_units_s, time.monotonic() - STALE_S)
+        for name in leg.to:
+            await self._axes[name].go(deadline)
+        watch = _Watch(self._axes, set(leg.to), self._halt)
+        while watch.under_way:
+            await watch.turn(deadline)
+
+    async def _look_at_stale(self, leg: Leg, deadline: Deadline) -> None:
+        """Look at the axes that stand during a leg and were not looked at for long: none is left behind unseen."""
+        for name, axis in self._axes.items():
+            if name not in leg.to and axis.looked_at_s < time.monotonic() - STALE_S:
+                await axis.check_standing(deadline)
 
     def _check_arrival(self, target: Position, reached: Position) -> None:
         """Compare all four axes after the move, also those that came to rest legs ago."""
@@ -264,8 +308,65 @@ class Gantry:
     async def _halt(self, axes: Iterable[str]) -> None:
         await asyncio.gather(*(self._axes[name].halt_if_possible() for name in axes))
 
-    async def _not_homed(self, deadline: Deadline) -> list[str]:
-        return [name for name, axis in self._axes.items() if not await axis.homed(deadline)]
+    async def _not_homed(self, deadline: Deadline, since_s: float = math.inf) -> list[str]:
+        return [name for name, axis in self._axes.items() if not await axis.homed(deadline, since_s)]
+
+
+class _Watch:
+    """Looks at the axes of a leg when they are due, and at all in turn meanwhile."""
+
+    def __init__(
+        self,
+        axes: Mapping[str, GantryAxis],
+        under_way: set[str],
+        halt: Callable[[Iterable[str]], Coroutine[Any, Any, None]],
+    ) -> None:
+        self.under_way = under_way
+        self._axes, self._halt = axes, halt
+        self._due_s = {name: axes[name].due_s for name in under_way}
+        self._next_s = time.monotonic() + self._pause_s
+
+    @property
+    def _pause_s(self) -> float:
+        return WATCH_EVERY_POLLS * min(axis.config.poll_s for axis in self._axes.values())
+
+    async def turn(self, deadline: Deadline) -> None:
+        """Wait for the next look, and take it."""
+        first = min(self.under_way, key=self._due_s.__getitem__)
+        await asyncio.sleep(max(0.0, min(self._due_s[first], self._next_s) - time.monotonic()))
+        if self._due_s[first] > time.monotonic():
+            first = min(self._axes, key=lambda name: self._axes[name].looked_at_s)
+            self._next_s = time.monotonic() + self._pause_s
+        others = partial(self._stop, self.under_way - {first})
+        if first not in self.under_way:
+            await self._axes[first].check_standing(deadline, others)
+        elif await self._axes[first].arrived(deadline, others):
+            self.under_way.discard(first)
+        else:
+            self._due_s[first] = max(self._due_s[first], time.monotonic() + self._axes[first].config.poll_s)
+
+    async def _stop(self, moving: Iterable[str]) -> None:
+        """Halt the axes under way at once; the move's end stops the rest, and these again."""
+        await finish(self._halt(moving))
+
+
+class _HomingRuns:
+    """Homing runs that go on beside each other: the first failure ends the others, and is the one that is told."""
+
+    def __init__(self) -> None:
+        self.tasks: dict[str, asyncio.Task[None]] = {}
+        self.ended_by: str | None = None
+
+    async def end_others(self, cause: str) -> None:
+        """Cancel the runs beside `cause` and wait until their axes were halted; of two failures the second does not."""
+        if self.ended_by not in (None, cause):
+            return
+        self.ended_by = cause
+        others = [task for name, task in self.tasks.items() if name != cause and not task.done()]
+        for task in others:
+            task.cancel()
+        if others:
+            await asyncio.wait(others)
 
 
 def _by_axis(place: Position) -> dict[str, float]:

@@ -1,10 +1,10 @@
 """From here to there without touching anything: the legs of a move. Pure."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from drivers.errors import EnvelopeViolation
-from drivers.gantry.contract import GantryConfig, Position
+from drivers.gantry.contract import ClearHeight, GantryConfig, Position
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,6 +16,7 @@ class Leg:
     """At most; None: as fast as each axis may."""
 
 
+_FIELDS = {"x": "x_um", "y": "y_um", "theta": "theta_deg"}
 _NO_ROOM = "Choose a target farther inside, or let the axis' range reach farther where the machine allows it."
 # Sums of decimal numbers may be off by this much
 _ROUNDING = 1e-6
@@ -38,25 +39,45 @@ def plan(
     ends: Ends,
     from_above: frozenset[str] = frozenset(),
     slow_z_um: float | None = None,
+    clear: ClearHeight | None = None,
 ) -> list[Leg]:
-    """List the legs: retract, go across with a one-sided approach, lower. Theta is the axis coordinate in both.
+    """List the legs: rise, go across with a one-sided approach, lower. Theta is the axis coordinate in both.
 
-    A leg names only the axes that move. A pure Z move has no retract. Axes in `from_above` (x, y, theta) come from
-    the other side. Below `slow_z_um` (None: the configuration's) Z goes down slowly; up it always goes fast. Raises
-    EnvelopeViolation for a target so near to an end that there is no room for the approach.
+    A leg names only the axes that move. A pure Z move does not rise. Across it goes at the safe height or above; where
+    `clear` knows a lower one for this way, at that. Axes in `from_above` (x, y, theta) come from the other side. Below
+    `slow_z_um` (None: the configuration's) Z goes down slowly; up it always goes fast. Raises EnvelopeViolation for a
+    target so near to an end that there is no room for the approach.
     """
     legs: list[Leg] = []
+    slow_z_um = config.slow_z_um if slow_z_um is None else slow_z_um
     across = _across(now, target, config, ends, from_above)
     z_um = now.z_um
-    if across and z_um < config.safe_z_um:
-        z_um = config.safe_z_um
+    across_um = _across_z_um(now, across, config, slow_z_um, clear)
+    if across and z_um < across_um:
+        z_um = across_um
         legs.append(Leg({"z": z_um}))
     legs += map(Leg, across)
     above_um = min(target.z_um + config.backlash_z_um, ends.z_um[1])
     if z_um < above_um and config.backlash_z_um > 0:
         z_um = above_um
         legs.append(Leg({"z": z_um}))
-    return legs + _down(z_um, target.z_um, config, config.slow_z_um if slow_z_um is None else slow_z_um)
+    return legs + _down(z_um, target.z_um, config, slow_z_um)
+
+
+def _across_z_um(
+    now: Position, across: list[dict[str, float]], config: GantryConfig, slow_z_um: float, clear: ClearHeight | None
+) -> float:
+    """Return the lowest Z for the way across: a known clear height from where no surface may be, else the safe one."""
+    if clear is None or not across or now.z_um >= config.safe_z_um:
+        return config.safe_z_um
+    places = [now]
+    for leg in across:
+        places.append(replace(places[-1], **{_FIELDS[name]: to for name, to in leg.items()}))
+    clear_um = clear(places)
+    # Whatever is no height between both, NaN too, is none to go at
+    if clear_um is None or not slow_z_um <= clear_um <= config.safe_z_um:
+        return config.safe_z_um
+    return clear_um
 
 
 def _down(from_um: float, to_um: float, config: GantryConfig, slow_z_um: float) -> list[Leg]:

@@ -32,8 +32,6 @@ class DriveAccess:
         self.word_order: WordOrder | None = None
         """Order of the words of a 32 bit value in the image; None until a value has shown it."""
         self.tx: Layout = parse(TX_WANTED)
-        self.target_increments = 0
-        self.velocity_counts = 0
         self._velocity_kept: int | None = None
         self._bus = bus
         bus.label(config.address, config.name)
@@ -62,9 +60,19 @@ class DriveAccess:
         await self.write(entry, value, deadline)
         kept = await self.read(entry, deadline)
         if kept != value:
-            text = f"{entry} was written as {value} and reads {kept}"
+            technical = f"{entry} was written as {value} and reads {kept}"
+            text = "the drive did not keep a value that it was given"
+            advice = "Check object_access of this axis in the configuration, and the drive's model."
             with self._about(entry):
-                raise ReplyError(text, device=self.config.name, advice="Check the FC 43 settings of this drive.")
+                raise ReplyError(text, device=self.config.name, advice=advice, technical=technical)
+
+    async def ensure(self, entry: OdEntry, value: int, deadline: Deadline) -> None:
+        """See that one object holds a value: read it, and only where it differs write it and read it back.
+
+        A daemon that starts anew finds what the one before it wrote, and has asked half as much.
+        """
+        if await self.read(entry, deadline) != value:
+            await self.write_checked(entry, value, deadline)
 
     async def alive(self, deadline: Deadline) -> None:
         """Read two registers of the Tx image, to tell a silent drive from one that refuses FC 43."""
@@ -77,8 +85,11 @@ class DriveAccess:
             return await self._bus.read_registers(self.config.address, TX_ADDRESS, self.tx.register_count, deadline)
 
     async def status(self, deadline: Deadline) -> AxisStatus:
-        """Read the Tx image; a long value whose word order no value has shown yet is read by FC 43."""
-        registers = await self.image(deadline)
+        """Read the Tx image, and what it tells."""
+        return await self.status_in(await self.image(deadline), deadline)
+
+    async def status_in(self, registers: tuple[int, ...], deadline: Deadline) -> AxisStatus:
+        """Tell what an image says; a long value whose word order no value has shown yet is read by FC 43."""
         position = await self._long(registers, od.POSITION_ACTUAL, deadline)
         return AxisStatus(
             statusword=self.tx.value(registers, key(od.STATUSWORD), "big"),
@@ -92,16 +103,18 @@ class DriveAccess:
         return await self.read(od.STATUSWORD, deadline)
 
     async def command(self, control: od.Control, deadline: Deadline) -> None:
-        """Write the controlword; a new set-point is preceded by its target, and by its speed where that changed."""
-        if control is od.Control.NEW_SET_POINT:
-            await self.write(od.TARGET_POSITION, self.target_increments, deadline)
-            if self._velocity_kept != self.velocity_counts:
-                await self.set_velocity(self.velocity_counts, deadline)
+        """Write the controlword."""
         await self.write(od.CONTROLWORD, control, deadline)
+
+    async def aim(self, target_increments: int, velocity_counts: int, deadline: Deadline) -> None:
+        """Write the target of the next set-point, and its speed where that changed."""
+        await self.write(od.TARGET_POSITION, target_increments, deadline)
+        if self._velocity_kept != velocity_counts:
+            await self.set_velocity(velocity_counts, deadline)
 
     async def set_velocity(self, counts: int, deadline: Deadline) -> None:
         """Write the profile velocity of the moves to come (6081h); it is written again only where it changes."""
-        self.velocity_counts, self._velocity_kept = counts, None
+        self._velocity_kept = None
         await self.write(od.PROFILE_VELOCITY, counts, deadline)
         self._velocity_kept = counts
 

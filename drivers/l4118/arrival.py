@@ -1,7 +1,17 @@
 """When a positioning move is over, and when it never will be. Pure: time is an argument."""
 
+import math
+
 from drivers.errors import LimitHit, MotionError, Stalled
 from drivers.l4118.contract import AxisConfig, AxisStatus
+
+
+def travel_s(distance: float, speed: float, acceleration: float) -> float:
+    """Give how long a way takes from rest to rest: two ramps, and what is left at full speed (trapezoid)."""
+    distance = abs(distance)
+    if distance * acceleration < speed * speed:
+        return 2.0 * math.sqrt(distance / acceleration)
+    return distance / speed + speed / acceleration
 
 
 class ArrivalWatch:
@@ -13,6 +23,10 @@ class ArrivalWatch:
         # In the motor's sense: the limit switches are the motor's
         self._sense = (target_units - start_units) * config.increments_per_unit
         self._last_units = start_units
+        self._moved_at_s = now_s
+
+    def taken(self, now_s: float) -> None:
+        """Count a standstill from here: the drive has taken the set-point only now."""
         self._moved_at_s = now_s
 
     def arrived(self, status: AxisStatus, now_s: float) -> bool:

@@ -236,3 +236,8 @@ class AxisFindings:
         return not (
             self.error_code or on_limit or self.status.state in (None, PowerState.FAULT, PowerState.FAULT_REACTION)
         )
+
+    @property
+    def position_units(self) -> float:
+        """Where the axis was."""
+        return self.status.position_units

@@ -65,15 +65,18 @@ def diagnose(axis: str, seen: Evidence) -> MotionError | None:
     if seen.reference_lost:
         return EmergencyStop("lost power since it was homed: its reference is gone", device=axis)
     if seen.left_enabled and seen.state is not PowerState.OPERATION_ENABLED:
-        return EmergencyStop(f"switched off from outside ({_found(seen)})", device=axis)
+        return EmergencyStop("switched off from outside", device=axis, technical=_found(seen))
     return None
 
 
 def untaken_step(axis: str, control: Control, wanted: PowerState, statusword: int) -> MotionError:
     """Give the error of a drive that does not go to the state `wanted` on a control word."""
     seen = Evidence(statusword)
-    text = f"control word {control:04X}h leads to {_found(seen)}, not '{wanted.value}'"
-    return MotionTimeout(text, device=axis) if seen.voltage else EmergencyStop(text, device=axis)
+    technical = f"control word {control:04X}h leads to {_found(seen)}, not '{wanted.value}'"
+    if seen.voltage:
+        return MotionTimeout("the drive does not do what it is told", device=axis, technical=technical)
+    text = "the drive cannot be switched on, for it has no motor voltage"
+    return EmergencyStop(text, device=axis, technical=technical)
 
 
 def stopped_by_program(axis: str) -> EmergencyStop:
@@ -81,17 +84,25 @@ def stopped_by_program(axis: str) -> EmergencyStop:
     return EmergencyStop("stopped by the program", device=axis)
 
 
+def not_started(axis: str) -> MotionError:
+    """Give the error of a drive that was asked to move before it was set up."""
+    text, advice = "the drive was not set up since it was opened", "Reset, then home."
+    return MotionError(text, device=axis, advice=advice, technical="start() has not run")
+
+
 def _by_error(axis: str, seen: Evidence) -> MotionError:
     """Put the drive's own error into its class."""
     code, number = seen.error_code, seen.error_entry >> 24
-    text = f"fault {code:04X}h: {od.error_meaning(seen.error_entry) or 'no entry in the error stack'}"
+    text = f"the drive reports {od.error_meaning(seen.error_entry) or 'a fault without a reason'}"
+    technical = f"fault {code:04X}h{od.error_numbers(seen.error_entry)}"
     if _supply_cut(seen):
-        return EmergencyStop(f"the motor supply was cut ({text})", device=axis, drive_code=code)
+        cut = f"the emergency stop was pressed, or else the motor supply was cut: {text}"
+        return EmergencyStop(cut, device=axis, drive_code=code, technical=technical)
     if number in od.LIMIT_NUMBERS:
-        return LimitHit(text, device=axis, drive_code=code)
+        return LimitHit(text, device=axis, drive_code=code, technical=technical)
     if number in od.BLOCKED_NUMBERS:
-        return Stalled(text, device=axis, drive_code=code)
-    return DriveFault(text, device=axis, code=code)
+        return Stalled(text, device=axis, drive_code=code, technical=technical)
+    return DriveFault(text, device=axis, code=code, technical=technical)
 
 
 def _supply_cut(seen: Evidence) -> bool:

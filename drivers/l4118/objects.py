@@ -103,6 +103,8 @@ DI_NEGATIVE_LIMIT = 0b0001
 DI_POSITIVE_LIMIT = 0b0010
 DI_HOME = 0b0100
 DI_INTERLOCK = 0b1000
+# From this bit on the inputs as they are wired
+DI_RAW_BIT = 16
 
 
 class Mode(IntEnum):
@@ -178,5 +180,9 @@ def error_meaning(entry: int) -> str:
     if entry == 0:
         return ""
     number = entry >> 24
-    meaning = ERROR_NUMBER.get(number, f"error number {number}")
-    return f"{meaning} (class {entry >> 16 & 0xFF:02X}h, code {entry & 0xFFFF:04X}h)"
+    return ERROR_NUMBER.get(number, f"error number {number}")
+
+
+def error_numbers(entry: int) -> str:
+    """Say which numbers an entry of 1003h has, to stand behind the drive's error code; empty for zero."""
+    return f", class {entry >> 16 & 0xFF:02X}h, code {entry & 0xFFFF:04X}h" if entry else ""

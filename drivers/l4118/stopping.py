@@ -17,20 +17,22 @@ STOP_S: Final = 3.0
 Command = Callable[[Control, Deadline], Awaitable[None]]
 
 
-async def bring_to_rest(drive: DriveAccess, command: Command) -> None:
+async def bring_to_rest(drive: DriveAccess, command: Command, off: Control = Control.SHUTDOWN) -> PowerState | None:
     """Halt a drive that runs, wait until it stands, and switch it off (a halt released would finish the old move).
 
-    A drive that does not heed the halt is switched off all the same, as soon as its ramp must be over. Raises what
-    the line raises, and MotionTimeout for a drive that cannot be switched off.
+    Returns the state that it was found in. A drive that does not heed the halt is switched off all the same, as soon as
+    its ramp must be over. Raises what the line raises, and MotionTimeout for a drive that cannot be switched off.
     """
-    if not _enabled(await drive.statusword(Deadline.after(STOP_S))):
-        return
+    found = od.decode_state(await drive.statusword(Deadline.after(STOP_S)))
+    if found is not PowerState.OPERATION_ENABLED:
+        return found
     try:
         await command(Control.HALT, Deadline.after(STOP_S))
         await _ramp(drive)
     except (DeviceRefused, ReplyError) as exc:
         structlog.get_logger().warning("axis.halt_refused", device=drive.config.name, cause=str(exc))
-    await switch_off(drive, command, Control.SHUTDOWN)
+    await switch_off(drive, command, off)
+    return found
 
 
 async def switch_off(drive: DriveAccess, command: Command, first: Control) -> None:

@@ -32,6 +32,6 @@ class TravelWatch:
         self._high_units = max(self._high_units, self._at_units)
         way = self._high_units - self._low_units
         if way > _RANGES * (config.max_units - config.min_units):
-            text = f"homing method {config.homing.method} went {way:.1f} and met no switch: the axis is not that long"
-            advice = "Check the switch and its wire, and that 3240h:01 lets the drive heed it."
+            text = f"homing (method {config.homing.method}) went {way:.1f} and met no switch: the axis is not that long"
+            advice = "Check the switch and its wire, and that switch_inputs of this axis lets the drive heed it."
             raise MotionError(text, device=config.name, advice=advice)

@@ -1,6 +1,7 @@
 """Two lamp rings on an LCUS type USB relay: four byte commands, no reply, no read-back."""
 
 import asyncio
+import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
@@ -84,8 +85,11 @@ class SerialRelayLights:
         """Time from a switch until the light is steady."""
         return self._settle_s
 
-    async def set(self, light: Light, deadline: Deadline) -> None:
-        """Switch the other ring off, then this one on; raise LightError when the bytes do not go out."""
+    async def set(self, light: Light, deadline: Deadline) -> float:
+        """Switch the other ring off, then this one on, each time anew; raise LightError when the bytes do not go out.
+
+        Returns when they were out: nobody tells whether the lamp shone before.
+        """
         off = [command(channel, on=False) for ring, channel in self._channels.items() if ring is not light]
         on = [command(self._channels[light], on=True)] if light in self._channels else []
         async with self._switching:
@@ -98,6 +102,7 @@ class SerialRelayLights:
                 raise LightError(f"switching to {light.value} took too long", device="lights") from exc
             except (OSError, RuntimeError) as exc:
                 raise LightError(f"cannot switch to {light.value}: {exc}", device="lights") from exc
+            return time.monotonic()
 
     async def check(self, deadline: Deadline) -> None:
         """Do nothing: this relay cannot be asked; the picture tells."""

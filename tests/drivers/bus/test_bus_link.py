@@ -1,8 +1,9 @@
 """The connection: opened, refused, lost and back; and the same bus over TCP."""
 
 import asyncio
+import gc
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from typing import Literal
 
@@ -32,6 +33,20 @@ async def test_a_parity_a_pty_cannot_do_is_named(make_line: MakeLine) -> None:
     assert "parity" in caught.value.advice
 
 
+async def test_a_port_that_could_not_be_set_is_not_held(make_line: MakeLine) -> None:
+    """It should leave no lock to garbage: who tries one parity after the other comes to the right one."""
+    line = make_line(value_of_address)
+    gc.disable()
+    try:
+        for _ in range(2):  # a pseudo terminal refuses a parity the second time
+            with suppress(LinkError):
+                await (await ModbusBus.open(SerialLine(str(line.path), baudrate=115200, parity="E"))).close()
+        bus = await ModbusBus.open(serial_line(line))
+    finally:
+        gc.enable()
+    await bus.close()
+
+
 async def test_the_port_is_held_alone(make_line: MakeLine, open_bus: OpenBus) -> None:
     """It should refuse a second daemon on the same port."""
     line = make_line(value_of_address)
@@ -39,6 +54,13 @@ async def test_the_port_is_held_alone(make_line: MakeLine, open_bus: OpenBus) ->
     with pytest.raises(LinkError, match="lock") as caught:
         await ModbusBus.open(serial_line(line))
     assert "Another program" in caught.value.advice
+
+
+async def test_a_port_that_is_not_there_is_named_once(tmp_path: Path) -> None:
+    """It should say what the system says, without the numbers and paths that its errors repeat."""
+    with pytest.raises(LinkError, match=r"cannot be opened \(No such file or directory\)$") as caught:
+        await ModbusBus.open(SerialLine(str(tmp_path / "absent")))
+    assert "Plug in" in caught.value.advice
 
 
 async def test_a_pulled_cable_is_a_link_error_and_comes_back(

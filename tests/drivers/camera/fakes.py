@@ -87,6 +87,7 @@ class FakeCapture:
 
     def retrieve(self) -> tuple[bool, Any]:
         self.world.retrieves += 1
+        self.world.fetched.wait()
         self.world.break_at("retrieve")
         if self.world.torn:
             return True, np.frombuffer(jpeg(self.number)[:-200], np.uint8)[None]
@@ -107,6 +108,9 @@ class World:
         """Cleared, every grab hangs as in a driver of the system that waits for its device."""
         self.let_go.set()
         self.hanging = False
+        self.fetched = threading.Event()
+        """Cleared, a picture that was grabbed is not there yet."""
+        self.fetched.set()
         self.breaks: dict[str, Exception] = {}
         """What raises something that no camera's library promises to raise, by the name of the call."""
         self.present = True

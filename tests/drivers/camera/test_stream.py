@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from drivers.camera import StreamCamera
-from drivers.camera.source import decode_jpeg
+from drivers.camera.jpeg import decode_jpeg
 from drivers.deadline import Deadline
 from drivers.errors import CameraError, CameraTimeout
 from tests.drivers.camera.fakes import HEIGHT, WIDTH, StreamServer, config, jpeg, until
@@ -60,9 +60,9 @@ def _error(name: str) -> Callable[[Any, Any], list[list[bytes]]]:
 STREAM_FAULTS = {
     "time-out": (_error("timeout"), "no picture within"),
     "refused": (_error("no_stream"), "no_stream: as told"),
-    "no JSON": (lambda _q, _r: [[b"\xff\xfe"]], "without sense"),
-    "no number": (lambda _q, _r: [[b"{}"]], "without sense"),
-    "no stamp": (lambda q, _r: [[b'{"v":1,"n":%d,"ok":true}' % q["n"]]], "without sense"),
+    "no JSON": (lambda _q, _r: [[b"\xff\xfe"]], "makes no sense"),
+    "no number": (lambda _q, _r: [[b"{}"]], "makes no sense"),
+    "no stamp": (lambda q, _r: [[b'{"v":1,"n":%d,"ok":true}' % q["n"]]], "makes no sense"),
     "silent": (lambda _q, _r: [], "no reply within"),
 }
 

@@ -2,7 +2,7 @@
 
 import asyncio
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import pytest
@@ -232,6 +232,26 @@ async def test_an_axis_that_fails_while_others_travel_stops_them_on_their_way(
     assert all(homed.drives[name].state != 0x27 for name in ("x", "y"))
 
 
+@pytest.mark.parametrize(
+    ("homing", "standing"), [("z", "x"), ("z", "theta"), ("theta", "z"), ("x", "z"), ("y", "theta")]
+)
+async def test_an_axis_that_stands_and_faults_while_another_homes_stops_it_at_once(
+    homed: Machine, soon: Deadline, homing: str, standing: str
+) -> None:
+    """It should not go on to look for a switch with an axis that is not held any more."""
+    homed.drives[homing].homing_looks = 1_000_000
+    task = asyncio.create_task(homed.gantry.home(soon))
+    while homed.drives[homing].log[-1:] != ["homing"]:
+        assert not task.done(), task
+        await asyncio.sleep(0.001)
+    homed.drives[standing].fail(0x4310, 0x02004310)
+    with pytest.raises(DriveFault, match="4310h") as told:
+        await task
+    assert told.value.device.lower() == standing
+    assert all(drive.state != 0x27 for drive in homed.drives.values())
+    assert not homed.gantry.moving
+
+
 async def test_an_axis_that_was_never_switched_on_may_stand_so_while_others_travel(
     homed: Machine, soon: Deadline
 ) -> None:
@@ -261,6 +281,58 @@ async def test_standing_axes_are_asked_once_a_round_and_those_under_way_too(home
     await homed.gantry.move_to(dataclasses.replace(PLACE, z_um=9_000.0), soon)
     assert asked["z"] > 5, "it travelled for some rounds"
     assert all(0 < asked[name] <= asked["z"] for name in ("x", "y", "theta")), asked
+
+
+async def test_the_axes_of_a_leg_are_started_back_to_back(homed: Machine, soon: Deadline) -> None:
+    """It should write both targets, and then both commands: nothing is asked in between."""
+    await homed.gantry.move_to(dataclasses.replace(PLACE, z_um=12_000.0), soon)
+    homed.line.requests.clear()
+    await homed.gantry.move_to(dataclasses.replace(PLACE, x_um=61_000.0, y_um=41_000.0, z_um=12_000.0), soon)
+    told = [
+        (request[0], request[6:8].hex()) for request in homed.line.requests if request[1] == 0x2B and request[3] & 1
+    ]
+    assert told[:4] == [(1, "607a"), (2, "607a"), (1, "6040"), (2, "6040")]
+
+
+class _Dip:
+    """A drive that restarts before a certain request to any drive of the line."""
+
+    def __init__(self, machine: Machine, axis: str) -> None:
+        self.left: int | None = None
+        self.asked = 0
+        self._drive = machine.drives[axis]
+        self._answer = machine.line.answer
+
+    def __call__(self, request: bytes) -> list[Any]:
+        self.asked += 1
+        if self.left is not None:
+            self.left -= 1
+            if self.left == 0:
+                self._drive.power_cycle()
+        return self._answer(request)
+
+
+@pytest.mark.parametrize("axis", ["y", "z"])
+async def test_a_dip_before_any_request_of_a_move_moves_no_drive_that_lost_its_count(
+    homed: Machine, soon: Deadline, axis: str
+) -> None:
+    """It should be named however late it comes, end the move with all drives off, and leave that one where it is."""
+    away = dataclasses.replace(PLACE, x_um=61_000.0, y_um=41_000.0)
+    await homed.gantry.move_to(PLACE, soon)
+    dip = _Dip(homed, axis)
+    homed.line.answer = dip
+    await homed.gantry.move_to(away, soon)
+    total = dip.asked
+    for before in range(1, total, 5):
+        await homed.gantry.home(Deadline.after(30.0))
+        await homed.gantry.move_to(PLACE, Deadline.after(30.0))
+        dip.left = before
+        with pytest.raises(DeviceError):
+            await homed.gantry.move_to(away, Deadline.after(30.0))
+        assert homed.drives[axis].position == 0, before
+        assert all(drive.state != 0x27 for drive in homed.drives.values()), before
+        dip.left = None
+        await homed.gantry.start(Deadline.after(30.0))
 
 
 async def test_a_deadline_stops_every_axis(homed: Machine) -> None:
@@ -384,7 +456,7 @@ async def test_a_failed_homing_of_one_axis_stops_the_other(machine: Machine, soo
 
 async def test_what_a_silent_line_left_running_is_stopped_when_the_line_is_back(homed: Machine, soon: Deadline) -> None:
     """It should know the axes whose stop was not confirmed, stop them on the next try, and then know of none."""
-    homed.slow(100)
+    homed.drives["x"].step = 1000
     task = asyncio.create_task(homed.gantry.move_to(PLACE, soon))
     await homed.under_way(task)
     for drive in homed.drives.values():
@@ -402,7 +474,7 @@ async def test_what_a_silent_line_left_running_is_stopped_when_the_line_is_back(
 
 async def test_a_new_move_begins_with_the_stop_that_is_missing(homed: Machine, soon: Deadline) -> None:
     """It should refuse to move while that cannot be had."""
-    homed.slow(100)
+    homed.slow(1000)
     task = asyncio.create_task(homed.gantry.move_to(PLACE, soon))
     await homed.under_way(task)
     homed.drives["x"].silent = True
@@ -423,7 +495,7 @@ async def test_a_silent_drive_does_not_keep_the_start_from_stopping_another(
     make_line: MakeLine, open_bus: OpenBus, homed: Machine, soon: Deadline
 ) -> None:
     """It should halt what a former owner left running, though a drive before it does not answer."""
-    homed.slow(100)
+    homed.slow(1000)
     task = asyncio.create_task(homed.gantry.move_to(PLACE, soon))
     await homed.under_way(task)
     line = make_line(several(*homed.drives.values()))
@@ -503,3 +575,70 @@ async def test_nothing_is_sent_below_the_floor(make_line: MakeLine, open_bus: Op
             await machine.gantry.move_to(dataclasses.replace(PLACE, z_um=z_um), soon)
     assert all(drive.log == [] for drive in machine.drives.values())
     await machine.gantry.move_to(dataclasses.replace(PLACE, z_um=4200.0), soon)
+
+
+@pytest.mark.parametrize(
+    ("failing", "moving"), [("z", ("x", "y")), ("theta", ("x", "y")), ("y", ("x",)), ("x", ("y",))]
+)
+async def test_what_moves_is_told_to_stop_before_the_drive_that_failed_is_asked_why(
+    homed: Machine, failing: str, moving: tuple[str, ...]
+) -> None:
+    """It should cost the axes that travel two requests from the look that shows it, not eight."""
+    homed.slow(100_000)
+    target = dataclasses.replace(PLACE, theta_deg=0.0)
+    task = asyncio.create_task(homed.gantry.move_to(target, Deadline.after(60.0)))
+    await homed.under_way(task)
+    homed.drives[failing].fail(0x3210, 0x01003210)
+    homed.line.requests.clear()
+    with pytest.raises(DriveFault, match="3210h"):
+        await task
+    # Slave, object and the upper byte of what is written: bit 8 of the controlword is the halt
+    told = [(request[0], request[6:8].hex(), request[14] if request[3] & 1 else 0) for request in homed.line.requests]
+    asked_why = told.index((AXES[failing].address, "603f", 0))
+    assert all(told.index((AXES[name].address, "6040", 1)) < asked_why for name in moving)
+    assert all(homed.drives[name].state != 0x27 for name in moving)
+
+
+async def _until_homing(machine: Machine, names: Iterable[str], task: asyncio.Task[None]) -> None:
+    """Wait until each of these axes looks for its switch."""
+    while any(machine.drives[name].log[-1:] != ["homing"] for name in names):
+        assert not task.done(), task
+        await asyncio.sleep(0.001)
+
+
+@pytest.mark.parametrize(
+    ("failing", "homing"),
+    [("x", ("z",)), ("theta", ("z",)), ("z", ("theta",)), ("z", ("x", "y")), ("y", ("x",)), ("x", ("y",))],
+)
+async def test_what_homes_is_told_to_stop_before_the_drive_that_failed_is_asked_why(
+    homed: Machine, soon: Deadline, failing: str, homing: tuple[str, ...]
+) -> None:
+    """It should cost an axis that looks for its switch no more than one that travels."""
+    both = set(homing) | {failing} == {"x", "y"}
+    for name in (*homing, failing) if both else homing:
+        homed.drives[name].homing_looks = 1_000_000
+    task = asyncio.create_task(homed.gantry.home(soon))
+    await _until_homing(homed, homing, task)
+    homed.drives[failing].fail(0x3210, 0x01003210)
+    homed.line.requests.clear()
+    with pytest.raises(DriveFault, match="3210h"):
+        await task
+    told = [(request[0], request[6:8].hex(), request[14] if request[3] & 1 else 0) for request in homed.line.requests]
+    asked_why = told.index((AXES[failing].address, "603f", 0))
+    assert all(told.index((AXES[name].address, "6040", 1)) < asked_why for name in homing)
+    assert all(drive.state != 0x27 for drive in homed.drives.values())
+
+
+async def test_a_homing_run_that_fails_stops_the_other_as_it_stops_itself(homed: Machine, soon: Deadline) -> None:
+    """It should not first wait until its own axis stands: a ramp takes long, and the other goes on for as long."""
+    homed.drives["y"].homing_looks = 1_000_000
+    homed.drives["x"].homing_looks = 1_000_000
+    task = asyncio.create_task(homed.gantry.home(soon))
+    await _until_homing(homed, ("x", "y"), task)
+    homed.drives["x"].heeds_halt = False
+    homed.drives["x"].homing_fails, homed.drives["x"].homing_left = True, 1
+    homed.line.requests.clear()
+    with pytest.raises(MotionError, match="method 17 failed"):
+        await task
+    told = [(one[0], one[6:8].hex(), one[13:15][::-1].hex()) for one in homed.line.requests if one[3] & 1]
+    assert told.index((AXES["y"].address, "6040", "010f")) < told.index((AXES["x"].address, "6040", "0006"))

@@ -1,6 +1,6 @@
 """The legs of a move, and the coordinate of the head."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -230,3 +230,61 @@ def test_no_way_down_is_fast_where_a_surface_may_be(now: Position, target: Posit
             assert leg.speed_units_s == SLOW.slow_um_s
             assert z_um <= SLOW.slow_z_um
         z_um = to_um
+
+
+# --- no higher than the way asks ----------------------------------------------------------------------------------
+
+
+@given(places(), targets(), st.none() | st.floats())
+def test_it_goes_sideways_only_at_a_height_that_is_known_to_be_clear(
+    now: Position, target: Position, clear_um: float | None
+) -> None:
+    """It should take any answer: what lies below a possible surface or above the safe height is none to go at."""
+    known = clear_um is not None and SLOW.slow_z_um <= clear_um <= SLOW.safe_z_um
+    least_um = clear_um if known and clear_um is not None else SLOW.safe_z_um
+    z_um = now.z_um
+    for leg in plan(now, target, SLOW, ENDS, clear=lambda _places: clear_um):
+        if "z" in leg.to:
+            assert len(leg.to) == 1
+        else:
+            assert z_um >= least_um
+        z_um = leg.to.get("z", z_um)
+    assert z_um == target.z_um
+
+
+def test_a_small_correction_hops_by_the_clearance() -> None:
+    now, target = Position(5000.0, 5000.0, 5200.0, 10.0), Position(4990.0, 5008.0, 5201.0, 10.0)
+    assert _ways(now, target, SLOW, ENDS, frozenset(), 5100.0, lambda _places: 5300.0) == [
+        {"z": 5300.0},
+        {"x": 4940.0, "y": 4958.0},
+        {"x": 4990.0, "y": 5008.0},
+        {"z": 5201.0},
+    ]
+
+
+def test_a_head_that_stands_clear_does_not_rise() -> None:
+    now, target = Position(5000.0, 5000.0, 5600.0, 10.0), Position(9000.0, 5000.0, 5600.0, 10.0)
+    assert _ways(now, target, SLOW, ENDS, frozenset(), None, lambda _places: 5500.0) == [
+        {"x": 9000.0},
+        {"z": 5600.0},
+    ]
+
+
+def test_the_height_is_asked_for_the_whole_way_also_that_to_come_from_below() -> None:
+    """It should name every corner, in the axis' coordinate of theta, and ask nothing of a way straight down."""
+    asked: list[list[Position]] = []
+
+    def clear(places: Sequence[Position]) -> float:
+        asked.append(list(places))
+        return 6000.0
+
+    now, target = Position(5000.0, 5000.0, 5200.0, 10.0), Position(4990.0, 5008.0, 5200.0, -200.0)
+    plan(now, target, CONFIG, ENDS, clear=clear)
+    assert [(at.x_um, at.y_um, at.theta_deg) for at in asked.pop()] == [
+        (5000.0, 5000.0, 10.0),
+        (4940.0, 4958.0, -200.5625),
+        (4990.0, 5008.0, -200.0),
+    ]
+    plan(now, replace(now, z_um=5000.0), CONFIG, ENDS, clear=clear)
+    plan(replace(now, z_um=12000.0), target, CONFIG, ENDS, clear=clear)
+    assert not asked

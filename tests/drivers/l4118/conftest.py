@@ -13,7 +13,7 @@ MakeAxis = Callable[..., Awaitable[Axis]]
 Homed = tuple[Axis, DriveModel]
 
 CONFIG = AxisConfig(
-    "Z", 3, 1638.4, 0.0, 30000.0, 20000.0, 100000.0, 1.0, poll_s=0.001, stall_s=0.1, state_timeout_s=0.5
+    "Z", 3, 1638.4, 0.0, 30000.0, 20000.0, 100000.0, 1.0, poll_s=0.001, stall_s=0.5, state_timeout_s=1.0
 )
 
 

@@ -78,6 +78,16 @@ async def test_a_mapping_that_lacks_something_is_replaced_and_one_that_serves_is
     assert (await axis.status(soon)).positive_limit
 
 
+async def test_raw_inputs_are_numbered_as_on_the_drives_plug(make_axis: MakeAxis, soon: Deadline) -> None:
+    """It should tell each input from the others, and from the switches' own bits."""
+    drive = DriveModel(3)
+    axis = await make_axis(drive)
+    await axis.start(soon)
+    for number in (1, 4, 6):
+        drive.inputs = 0xF | 1 << (15 + number)
+        assert [n for n in range(1, 7) if await axis.raw_input(n, soon)] == [number]
+
+
 async def test_a_mapping_that_does_not_take_is_an_error(make_axis: MakeAxis, soon: Deadline) -> None:
     """It should read back what it wrote and not work on with another image."""
     drive = DriveModel(3)
@@ -102,7 +112,7 @@ async def test_a_drive_that_does_not_fit_is_refused(
     """It should say what is wrong instead of working on."""
     drive = DriveModel(3)
     spoil(drive)
-    axis = await make_axis(drive, timeout_s=0.03)
+    axis = await make_axis(drive, timeout_s=0.2)
     with pytest.raises(error, match=text):
         await axis.start(soon)
 
@@ -122,7 +132,7 @@ async def test_settings_that_contradict_the_drive_are_refused(make_axis: MakeAxi
 async def test_a_drive_found_running_is_brought_to_rest(make_axis: MakeAxis, homed: Homed, soon: Deadline) -> None:
     """It should halt and switch off a drive whose former owner died in a move."""
     axis, drive = homed
-    drive.step = 10
+    drive.step = 1000
     await axis.begin_move(20000.0, soon)
     assert drive.state == 0x27
     again = await make_axis(drive)
@@ -140,6 +150,35 @@ async def test_software_limits_and_ramps_are_in_the_drive(homed: Homed) -> None:
     assert drive.od[0x607D, 2][1] == 30000 * 1638.4
     # 100000 um/s2 are 50 rev/s2 of a 2 mm screw: 3000 rpm/s
     assert drive.od[0x6083, 0][1] == 3000
+
+
+async def test_a_start_on_a_drive_that_is_set_up_writes_nothing(
+    make_axis: MakeAxis, homed: Homed, soon: Deadline
+) -> None:
+    """It should ask once for each of its settings: a start of four drives is to be over within a second."""
+    _, drive = homed
+    await (await make_axis(drive)).start(soon)
+    written: list[int] = []
+    asked: list[int] = []
+    put, answer = drive.put, drive.answer
+    drive.put = lambda index, sub, value: [written.append(index), put(index, sub, value)][1]  # type: ignore[method-assign]
+    drive.answer = lambda request: [asked.append(request[1]), answer(request)][1]  # type: ignore[method-assign]
+    found = await (await make_axis(drive)).start(soon)
+    assert found.homed
+    assert written == []
+    assert len(asked) <= 21
+
+
+async def test_a_setting_that_another_program_changed_is_written_at_the_next_start(
+    make_axis: MakeAxis, homed: Homed, soon: Deadline
+) -> None:
+    """It should leave the ramps and limits of the configuration in the drive, whatever it found."""
+    _, drive = homed
+    before = {place: drive.od[place][1] for place in ((0x6083, 0), (0x6085, 0), (0x607D, 1), (0x607D, 2))}
+    for place in before:
+        drive.od[place][1] += 17
+    await (await make_axis(drive)).start(soon)
+    assert {place: drive.od[place][1] for place in before} == before
 
 
 # ---------------------------------------------------------------- moves
@@ -173,7 +212,7 @@ async def test_lost_replies_do_not_double_a_move(make_line: MakeLine, open_bus: 
         reply = drive.answer(request)
         return [] if count % 3 == 0 else reply
 
-    axis = Axis(await open_bus(make_line(lossy), timeout_s=0.03, late_reply_s=0.03, attempts=8), CONFIG)
+    axis = Axis(await open_bus(make_line(lossy), timeout_s=0.1, late_reply_s=0.1, attempts=8), CONFIG)
     await axis.home(soon)
     await axis.move_to(700.0, soon)
     assert drive.position == 700 * 1638.4
@@ -192,7 +231,7 @@ async def test_a_target_outside_is_refused_before_anything_moves(homed: Homed, s
 async def test_a_cancelled_move_stops_the_motor_before_it_is_cancelled(homed: Homed, soon: Deadline) -> None:
     """It should halt and switch off, so that the old target is not taken up again."""
     axis, drive = homed
-    drive.step = 10
+    drive.step = 1000
     task = asyncio.create_task(axis.move_to(20000.0, soon))
     while not drive.position:
         await asyncio.sleep(0)
@@ -214,7 +253,7 @@ async def test_a_deadline_ends_a_move_with_a_halt(homed: Homed) -> None:
     axis, drive = homed
     drive.step = 10_000
     with pytest.raises(MotionTimeout, match="deadline"):
-        await axis.move_to(30000.0, Deadline.after(0.3))
+        await axis.move_to(30000.0, Deadline.after(1.0))
     assert drive.state == 0x21
 
 
@@ -260,7 +299,7 @@ async def test_a_fault_in_a_move_is_named(
 ) -> None:
     """It should read code and meaning, keep refusing, and work again after a reset."""
     axis, drive = homed
-    drive.step = 10
+    drive.step = 1000
     task = asyncio.create_task(axis.move_to(20000.0, soon))
     while not drive.position:
         await axis.status(soon)
@@ -405,8 +444,8 @@ async def test_a_move_at_another_speed_takes_one_frame_more(make_axis: MakeAxis,
     for target, at_most in ((500.0, None), (600.0, None), (700.0, 2000.0), (800.0, 2000.0)):
         written.clear()
         await axis.begin_move(target, soon, at_most)
-        taken.append(list(written))
         while not await axis.arrived(soon):
             pass
+        taken.append(list(written))
     usual = [0x607A, 0x6040, 0x6040]
     assert taken[1:] == [usual, [0x607A, 0x6081, 0x6040, 0x6040], usual]

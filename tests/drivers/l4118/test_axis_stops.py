@@ -109,7 +109,7 @@ async def test_a_stop_that_has_passed_while_the_drive_is_being_enabled_is_named(
 
 async def _under_way(axis: Axis, drive: DriveModel, soon: Deadline) -> asyncio.Task[AxisStatus]:
     """Begin a long move and return it once the axis has left its place."""
-    drive.step = 10
+    drive.step = 1000
     task = asyncio.create_task(axis.move_to(20000.0, soon))
     while not drive.position:
         await axis.status(soon)
@@ -208,7 +208,7 @@ async def test_an_emergency_stop_in_homing_is_named_and_leaves_the_axis_unhomed(
 async def test_homing_has_its_own_deadline(make_axis: MakeAxis, soon: Deadline) -> None:
     """It should give up and halt when no switch comes."""
     drive = DriveModel(3, homing_looks=10**9)
-    config = dataclasses.replace(CONFIG, homing=HomingConfig(timeout_s=0.5))
+    config = dataclasses.replace(CONFIG, homing=HomingConfig(timeout_s=1.5))
     axis = await make_axis(drive, config)
     with pytest.raises(MotionTimeout, match="deadline"):
         await axis.home(soon)

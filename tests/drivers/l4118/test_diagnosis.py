@@ -74,8 +74,10 @@ def test_a_step_that_is_not_taken_is_a_stop_without_voltage_and_a_time_out_with_
     stop = untaken_step("x", Control.SHUTDOWN, PowerState.READY, OFF)
     late = untaken_step("x", Control.SHUTDOWN, PowerState.READY, OFF | VOLTAGE)
     assert (type(stop), type(late)) == (EmergencyStop, MotionTimeout)
-    assert str(late) == ("x: control word 0006h leads to 'switch on disabled', status 0250h, not 'ready to switch on'")
-    assert str(stop).count("no motor voltage") == 1
+    assert late.in_words == "x: the drive does not do what it is told"
+    told = "control word 0006h leads to 'switch on disabled', status 0250h, not 'ready to switch on'"
+    assert str(late) == f"{late.in_words} ({told})"
+    assert stop.in_words.count("no motor voltage") == 1
 
 
 def test_a_stop_by_the_program_says_so() -> None:

@@ -8,7 +8,7 @@ from drivers.errors import LimitHit, Stalled
 from drivers.l4118 import AxisConfig, AxisStatus, PowerState
 from drivers.l4118.arrival import ArrivalWatch
 from drivers.l4118.image import TX_WANTED, WordOrder, order_shown, parse, tx_serves
-from drivers.l4118.objects import decode_state, error_meaning
+from drivers.l4118.objects import decode_state, error_meaning, error_numbers
 from drivers.l4118.units import decode_speed_unit
 from tests.drivers.peers.drive import DEFAULT_TX
 
@@ -93,7 +93,9 @@ def test_other_speed_units_are_not_guessed(raw: int) -> None:
 def test_error_entries_read_as_words() -> None:
     """It should split number, class and code."""
     assert error_meaning(0) == ""
-    assert error_meaning(0x0A04FF01) == "negative limit switch and tolerance zone exceeded (class 04h, code FF01h)"
+    assert error_meaning(0x0A04FF01) == "negative limit switch and tolerance zone exceeded"
+    assert error_numbers(0x0A04FF01) == ", class 04h, code FF01h"
+    assert error_numbers(0) == ""
     assert "99" in error_meaning(0x63000000)
 
 

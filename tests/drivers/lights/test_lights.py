@@ -4,6 +4,7 @@ import asyncio
 import os
 import select
 import threading
+import time
 import tty
 from pathlib import Path
 
@@ -11,8 +12,8 @@ import pytest
 
 from drivers.bus import ModbusBus
 from drivers.deadline import Deadline
-from drivers.errors import LightError
-from drivers.lights import Light, ModbusRelayLights, SerialRelayLights
+from drivers.errors import DeadlinePassed, LightError
+from drivers.lights import Light, ModbusRelayLights, SerialRelayLights, modbus_relay
 from drivers.lights.serial_relay import command
 from tests.drivers.conftest import MakeLine, OpenBus
 from tests.drivers.peers.line import framed
@@ -112,11 +113,20 @@ async def test_coils_that_change_by_themselves_are_a_light_error(
         await lights.check(soon)
 
 
+async def test_a_check_without_time_left_says_nothing_about_the_lamps(
+    board: tuple[Relay, ModbusBus], soon: Deadline
+) -> None:
+    """It should leave to the caller what a late answer means: on a busy computer the lamps are not broken."""
+    lights = await ModbusRelayLights.open(board[1], 5, deadline=soon)
+    with pytest.raises(DeadlinePassed):
+        await lights.check(Deadline.after(0.0))
+
+
 async def test_a_silent_board_is_a_light_error(board: tuple[Relay, ModbusBus], soon: Deadline) -> None:
     """It should say what to check, with the link's own words."""
     relay, bus = board
     relay.silent = True
-    with pytest.raises(LightError, match="no answer to FC 15"):
+    with pytest.raises(LightError, match=r"no answer within 200 ms \(FC 15\)"):
         await ModbusRelayLights.open(bus, 5, deadline=soon)
 
 
@@ -220,3 +230,91 @@ def test_one_channel_for_two_rings_is_refused() -> None:
     """It should want two."""
     with pytest.raises(ValueError, match="channel each"):
         SerialRelayLights(BrokenPort(), 1, 1)
+
+
+async def test_a_light_that_is_on_already_is_only_read_back(
+    board: tuple[Relay, ModbusBus], soon: Deadline, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It should write nothing where the board shows what it was told, and switch it where it shows something else."""
+    monkeypatch.setattr(modbus_relay, "FRESH_S", 0.0)
+    relay, bus = board
+    lights = await ModbusRelayLights.open(bus, 5, deadline=soon)
+    await lights.set(Light.WHITE, soon)
+    written = len(relay.history)
+    await lights.set(Light.WHITE, soon)
+    assert len(relay.history) == written
+    relay.coils = 0b10
+    await lights.set(Light.WHITE, soon)
+    assert relay.coils == 0b01
+
+
+async def test_a_light_tells_when_it_was_switched_and_the_same_while_it_shines(
+    board: tuple[Relay, ModbusBus], soon: Deadline, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It should be when the board had been told, before it was read back, and anew where it had to be switched."""
+    relay, bus = board
+    read_at: list[float] = []
+    read_coils = bus.read_coils
+    monkeypatch.setattr(modbus_relay, "FRESH_S", 0.0)
+
+    async def read(address: int, first: int, count: int, deadline: Deadline) -> tuple[bool, ...]:
+        read_at.append(time.monotonic())
+        return await read_coils(address, first, count, deadline)
+
+    monkeypatch.setattr(bus, "read_coils", read)
+    lights = await ModbusRelayLights.open(bus, 5, deadline=soon)
+    before_s = time.monotonic()
+    switched_s = await lights.set(Light.WHITE, soon)
+    assert before_s <= switched_s <= read_at[-1]
+    assert await lights.set(Light.WHITE, soon) == switched_s
+    relay.coils = 0b10
+    assert await lights.set(Light.WHITE, soon) > read_at[-2]
+
+
+async def test_a_light_that_was_confirmed_a_moment_ago_is_not_asked_again_and_darkness_always_told(
+    board: tuple[Relay, ModbusBus], soon: Deadline, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(modbus_relay, "FRESH_S", 3_600.0)
+    _, bus = board
+    lights = await ModbusRelayLights.open(bus, 5, deadline=soon)
+    await lights.set(Light.WHITE, soon)
+    asked = bus.statistics.requests
+    await lights.set(Light.WHITE, soon)
+    assert bus.statistics.requests == asked
+    for light in (Light.RED, Light.OFF, Light.OFF):
+        await lights.set(light, soon)
+    assert bus.statistics.requests == asked + 3 * 2
+
+
+@pytest.mark.parametrize("trouble", ["switched by others", "silent"])
+async def test_a_light_that_a_check_found_in_trouble_is_asked_again_however_short_ago_it_was_confirmed(
+    board: tuple[Relay, ModbusBus], soon: Deadline, monkeypatch: pytest.MonkeyPatch, trouble: str
+) -> None:
+    """It should shine once it is wanted again, and until then each check should find the trouble."""
+    monkeypatch.setattr(modbus_relay, "FRESH_S", 3_600.0)
+    relay, bus = board
+    lights = await ModbusRelayLights.open(bus, 5, deadline=soon)
+    switched_s = await lights.set(Light.WHITE, soon)
+    relay.coils, relay.silent = 0, trouble == "silent"
+    for _ in range(2):
+        with pytest.raises(LightError):
+            await lights.check(soon)
+    relay.silent = False
+    assert await lights.set(Light.WHITE, soon) > switched_s
+    assert relay.coils == 0b01
+
+
+async def test_a_light_is_asked_again_where_any_other_answer_of_its_board_did_not_come(
+    board: tuple[Relay, ModbusBus], soon: Deadline, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It should trust no former confirmation once switching has failed: the board may have been reset since."""
+    monkeypatch.setattr(modbus_relay, "FRESH_S", 3_600.0)
+    relay, bus = board
+    lights = await ModbusRelayLights.open(bus, 5, deadline=soon)
+    await lights.set(Light.WHITE, soon)
+    relay.silent = True
+    with pytest.raises(LightError):
+        await lights.set(Light.OFF, soon)
+    relay.coils, relay.silent = 0, False
+    await lights.set(Light.WHITE, soon)
+    assert relay.coils == 0b01
