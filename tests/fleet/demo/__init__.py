@@ -1,0 +1,1 @@
+"""Demonstration of the fleet: ten stations, what was planted at them, and the answers that the centre gives."""
