@@ -6,7 +6,7 @@ import json
 import os
 import time
 import uuid
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -46,6 +46,14 @@ class Refused(Exception):
         self.error = error
 
 
+class StandsAgain(Exception):
+    """A probe pressed again after a `lift`: `contact` tells of the press that is to be measured now."""
+
+    def __init__(self, contact: dict[str, Any]) -> None:
+        super().__init__(f"the needle stands again on {contact['test_point']}, in press {contact.get('press', '?')}")
+        self.contact = contact
+
+
 class Client:
     """Ask the daemon. Not for several threads; a request that got no answer leaves the client usable."""
 
@@ -53,9 +61,13 @@ class Client:
         """Connect; raise `KeyTrouble` if the key cannot be used."""
         self._endpoint = endpoint
         self._timeout_s = timeout_s
-        self._key = _private(keys)
+        self._key = find_key(keys)
         self._context = zmq.Context()
-        self._connect()
+        try:
+            self._connect()
+        except BaseException:  # an endpoint that is none: nobody could close what is half made
+            self._context.destroy(linger=0)
+            raise
 
     def __enter__(self) -> Self:
         """Use it in a with statement."""
@@ -101,6 +113,64 @@ class Client:
         reply = self.request(op, id=job_id, wait=True, timeout_s=timeout_s, **fields)
         return JobResult.model_validate(reply["result"])
 
+    def touch(
+        self, test_point: str, *, hold_ms: float = 10_000.0, job_id: str | None = None, timeout_s: float = 120.0,
+        **fields: Any,
+    ) -> dict[str, Any]:  # fmt: skip
+        """Lower the needle onto a point and return what stands (`id`, `pressed_um`, ...) as soon as it does.
+
+        It stays for `hold_ms`, and no longer than its lease (`lease_ms`) unless `hold` renews it. Raises
+        `Refused` if the job was not taken, or failed before the needle stood.
+        """
+        job_id = job_id or f"touch-{uuid.uuid4().hex[:12]}"
+        asked = {"test_point": test_point, "hold_ms": hold_ms, "id": job_id, **fields}
+        reply = self.request("touch", wait="contact", timeout_s=timeout_s, **asked)
+        result = reply.get("result") or {}
+        if error := result.get("error"):
+            raise Refused(error)
+        contact: dict[str, Any] = reply.get("contact") or {"id": job_id, **result["detail"]["contact"]}
+        return contact
+
+    def hold(self, job_id: str, lease_ms: float = 2000.0) -> dict[str, Any]:
+        """Renew the lease of a touch; raise `Refused` if its needle does not stand any more."""
+        return self.request("hold", id=job_id, lease_ms=lease_ms)
+
+    def lift(
+        self, job_id: str, *, press: int | None = None, timeout_s: float = 60.0, **measured: Any
+    ) -> JobResult:  # fmt: skip
+        """End a touch with what was measured in it (`verdict`, `value`, `unit`) and return its result.
+
+        `press`: in which it was measured, as the contact told it; a word that comes too late is refused then, and not
+        taken for another press. Raises `StandsAgain` where a probe is not over yet, but has pressed once more.
+        """
+        named = {} if press is None else {"press": press}
+        reply = self.request("lift", id=job_id, timeout_s=timeout_s, **measured, **named)
+        if reply.get("result") is None:
+            raise StandsAgain(reply["contact"])
+        return JobResult.model_validate(reply["result"])
+
+    def probe(
+        self, test_point: str | None = None, *, measure: Callable[[dict[str, Any]], Mapping[str, Any]] | None = None,
+        job_id: str | None = None, timeout_s: float = 120.0, **fields: Any,
+    ) -> JobResult:  # fmt: skip
+        """Test a point, or the best one of `net`, to its verdict and return the result: `detail["record"]` tells it.
+
+        `measure`: is called with the contact each time the needle stands, while its lease lasts (`lease_ms`), and
+        returns what it measured: `{"verdict": "pass"}`, `fail` or `open`, or `{"value": 0.4, "unit": "ohm"}`. None: the
+        station measures. Raises `Refused` if the job was not taken.
+        """
+        asked = {**fields} if test_point is None else {"test_point": test_point, **fields}
+        if measure is None:
+            return self.job("probe", job_id=job_id, timeout_s=timeout_s, **asked)
+        job_id = job_id or f"probe-{uuid.uuid4().hex[:12]}"
+        asked |= {"measure": "tester", "wait": "contact"}
+        reply = self.request("probe", id=job_id, timeout_s=timeout_s, **asked)
+        while reply.get("result") is None:
+            contact = reply["contact"]
+            named = {"press": contact["press"]} if "press" in contact else {}
+            reply = self.request("lift", id=job_id, timeout_s=timeout_s, **named, **measure(contact))
+        return JobResult.model_validate(reply["result"])
+
     def _wait(self, ready: int, give_up_s: float) -> None:
         """Wait until the socket is ready; raise `NotLetIn` as soon as the daemon refuses the key, or `NoAnswer`."""
         poller = zmq.Poller()
@@ -127,7 +197,7 @@ class Client:
     def _connect(self) -> None:
         self._socket = self._context.socket(zmq.REQ)
         self._watch = self._socket.get_monitor_socket(HANDSHAKES)
-        _unlock(self._socket, self._key)
+        unlock(self._socket, self._key)
         self._socket.connect(self._endpoint)
 
     def _let_go(self) -> None:
@@ -140,13 +210,17 @@ class Subscription:
     """Hear events from now on; each carries topic, seq, time and station."""
 
     def __init__(self, endpoint: str = DEFAULT_EVENTS, topics: tuple[str, ...] = ("",), keys: Keys = None) -> None:
-        key = _private(keys)
+        key = find_key(keys)
         self._context = zmq.Context()
         self._socket = self._context.socket(zmq.SUB)
-        for topic in topics:
-            self._socket.subscribe(topic)
-        _unlock(self._socket, key)
-        self._socket.connect(endpoint)
+        try:
+            for topic in topics:
+                self._socket.subscribe(topic)
+            unlock(self._socket, key)
+            self._socket.connect(endpoint)
+        except BaseException:
+            self._context.destroy(linger=0)
+            raise
 
     def __enter__(self) -> Self:
         """Use it in a with statement."""
@@ -189,7 +263,7 @@ def from_here(bound: str) -> str:
     return reachable(bound, DEFAULT_CONTROL)
 
 
-def _private(keys: Keys) -> PrivateKey | None:
+def find_key(keys: Keys) -> PrivateKey | None:
     """Return the key to come with; raise `KeyTrouble` if it cannot be used."""
     named = os.environ.get(KEY_VARIABLE)
     if keys is None and named:
@@ -202,7 +276,7 @@ def _private(keys: Keys) -> PrivateKey | None:
     return key
 
 
-def _unlock(socket: zmq.Socket[bytes], key: PrivateKey | None) -> None:
+def unlock(socket: zmq.Socket[Any], key: PrivateKey | None) -> None:
     """Let a socket come with a key; to be called before it connects."""
     if key is not None and key.server is not None:
         socket.setsockopt(zmq.CURVE_PUBLICKEY, key.public.encode())

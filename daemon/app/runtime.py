@@ -8,24 +8,29 @@ from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
-import structlog
 import zmq.asyncio
 
 from daemon.app.announcer import Announcer
+from daemon.app.circumstances import CircumstancesWatch
+from daemon.app.fault_alerts import FaultAlerts
 from daemon.app.journal_watch import JournalWatch
+from daemon.app.metrics_port import MetricsPort
 from daemon.app.supervisor import StationSupervisor
 from daemon.app.touch_counter import TouchCounter
+from daemon.app.unserved import Part, UnservedWatch
 from daemon.config.current import CurrentSettings
 from daemon.config.model import Config
 from daemon.config.reload import Change, Reloader
 from daemon.domain.board import Board
 from daemon.jobs.fault_latch import FaultLatch
 from daemon.jobs.image_archive import ImageArchive
+from daemon.jobs.lamp_lease import LampLease
 from daemon.jobs.runner import JobRunner
 from daemon.jobs.station_lock import StationLock
 from daemon.jobs.surroundings import JobLimits, Surroundings
 from daemon.jobs.watchdog import Watchdog
 from daemon.maintenance.monitor import Monitor
+from daemon.platform.atomic_file import remove_leftovers
 from daemon.platform.instance_lock import alone
 from daemon.platform.systemd_notify import Notifier
 from daemon.procedures.registry import PROCEDURES
@@ -34,15 +39,16 @@ from daemon.server.control_socket import ControlSocket
 from daemon.server.event_publisher import EventPublisher
 from daemon.server.handlers import Collaborators, Handlers
 from daemon.server.keyring import Keyring
+from daemon.server.live_publisher import LivePublisher, LiveView
 from daemon.station.devices import open_hardware
 from daemon.storage.calibration_store import Calibrations
 from daemon.storage.journal import Journal
+from daemon.storage.unfinished_restore import require_whole
 from daemon.telemetry.metrics import Metrics
 from daemon.telemetry.status_line import StatusLine
 from daemon.telemetry.vitals import VitalsReader
 
 LINGER_MS = 200
-log = structlog.get_logger(__name__)
 
 
 @dataclass(frozen=True)
@@ -52,6 +58,7 @@ class Runtime:
     settings: CurrentSettings
     notifier: Notifier
     metrics: Metrics
+    metrics_port: MetricsPort
     journal: Journal
     latch: FaultLatch
     watchdog: Watchdog
@@ -61,8 +68,12 @@ class Runtime:
     status_line: StatusLine
     announcer: Announcer
     journal_watch: JournalWatch
+    fault_alerts: FaultAlerts
     control: ControlSocket
     reloader: Reloader
+    live: LivePublisher | None
+    events: EventPublisher
+    unserved: UnservedWatch
 
 
 @dataclass(frozen=True)
@@ -80,6 +91,7 @@ class _Base:
     settings: CurrentSettings
     journal: Journal
     metrics: Metrics
+    metrics_port: MetricsPort
     sockets: _Sockets
     notifier: Notifier
     latch: FaultLatch
@@ -110,6 +122,9 @@ async def put_together(config: Config, path: Path | None, stack: AsyncExitStack)
     )
     base.latch.subscribe(announcer.on_change)
     work = _make_work(base)
+    circumstances = CircumstancesWatch(base.journal.stream, base.version, base.settings, work.calibrations)
+    circumstances.refresh()
+    base.latch.subscribe(circumstances.refresh)
     journal_watch = JournalWatch(
         base.journal, base.latch, work.monitor,
         announcer.report_interrupted, work.monitor.load, work.runner.write_held_back,
@@ -121,18 +136,29 @@ async def put_together(config: Config, path: Path | None, stack: AsyncExitStack)
         lambda: base.settings.config,
         lambda: base.lock.hold("reload"),
         partial(_take_over, base, work, control),
-        announcer.tell_of_reload,
+        partial(_tell_of_reload, base.settings, announcer),
     )
+    live = _make_live(base, work, stack)
+    events = base.sockets.events
+    parts: list[Part] = [events, base.metrics_port, *([live] if live is not None else [])]
     return Runtime(
-        base.settings, base.notifier, base.metrics, base.journal, base.latch, base.watchdog, work.supervisor,
-        work.monitor, work.runner, base.status_line, announcer, journal_watch, control, reloader,
+        base.settings, base.notifier, base.metrics, base.metrics_port, base.journal, base.latch, base.watchdog,
+        work.supervisor, work.monitor, work.runner, base.status_line, announcer, journal_watch,
+        FaultAlerts(base.latch, work.monitor), control, reloader, live, events,
+        UnservedWatch(parts, work.monitor, base.status_line),
     )  # fmt: skip
+
+
+async def _tell_of_reload(settings: CurrentSettings, announcer: Announcer, what: str, facts: dict[str, object]) -> None:
+    settings.note_reload(what, facts)
+    await announcer.tell_of_reload(what, facts)
 
 
 async def _make_base(config: Config, stack: AsyncExitStack) -> _Base:
     settings = CurrentSettings(config, Board.load(config.board.file))
     stack.enter_context(alone(config.station.data_dir))
-    journal = await Journal.open(config.station.data_dir / "journal.sqlite")
+    require_whole(config.station.data_dir)
+    journal = await Journal.open(config.station.journal)
     stack.push_async_callback(journal.close)
     program = version("reprobe")
     metrics = Metrics(config.station.name, program)
@@ -140,15 +166,18 @@ async def _make_base(config: Config, stack: AsyncExitStack) -> _Base:
     notifier = Notifier.from_environment()
     stack.callback(notifier.close)
     latch = FaultLatch()
+    status_line = StatusLine(latch, notifier)
+    metrics_port = MetricsPort(metrics, config.metrics.port, sockets.events)
     watchdog = Watchdog(notifier.feed, notifier.feed_every_s)
     return _Base(
-        program, settings, journal, metrics, sockets, notifier, latch, StationLock(), watchdog,
-        StatusLine(latch, notifier),
+        program, settings, journal, metrics, metrics_port, sockets, notifier, latch, StationLock(), watchdog,
+        status_line,
     )  # fmt: skip
 
 
 def _make_work(base: _Base) -> _Work:
     settings, station = base.settings, base.settings.config.station
+    remove_leftovers(station.data_dir / "calibration")
     calibrations = Calibrations(station.data_dir / "calibration", station.name)
     images = ImageArchive(station.data_dir / "pictures", station.pictures, station.pictures_quota_mb)
     touches = TouchCounter(
@@ -177,10 +206,16 @@ def _make_control(base: _Base, work: _Work, stack: AsyncExitStack) -> ControlSoc
         base.latch, lambda: work.runner.queued, work.calibrations, lambda: work.supervisor.hardware,
         config.station.data_dir,
     )  # fmt: skip
-    _serve_metrics(base, vitals, config.metrics.port, stack)
+    base.metrics.watch(vitals.read)
+    base.metrics_port.open()
+    stack.callback(base.metrics.close)
+    lamp = LampLease(
+        base.latch, base.lock, lambda: work.supervisor.hardware.lights if work.supervisor.hardware else None
+    )
     handlers = Handlers(
         Collaborators(
             settings=base.settings, latch=base.latch, runner=work.runner, reset=work.supervisor.reset,
+            light=lamp.switch,
             calibrations=work.calibrations, images=work.images, metrics=base.metrics, monitor=work.monitor,
             journal=base.journal, vitals=vitals.read, needle=work.supervisor.needle,
         )
@@ -189,6 +224,22 @@ def _make_control(base: _Base, work: _Work, stack: AsyncExitStack) -> ControlSoc
     control = ControlSocket(sockets.context, config.api, base.version, handlers, sockets.authenticator)
     stack.callback(control.close)
     return control
+
+
+def _make_live(base: _Base, work: _Work, stack: AsyncExitStack) -> LivePublisher | None:
+    """Make the socket of live pictures, if one is wanted."""
+    api = base.settings.config.api
+    if not api.live:
+        return None
+    view = LiveView(
+        camera=lambda: work.supervisor.hardware.camera if work.supervisor.hardware else None,
+        state=lambda: base.latch.state.value,
+        tip_px=lambda: probe.tip_px if (probe := work.calibrations.in_force.probe) is not None else None,
+        sight=lambda: work.supervisor.needle.sight,
+    )
+    live = LivePublisher(base.sockets.context, api.live, api.live_fps, view, base.sockets.authenticator)
+    stack.callback(live.close)
+    return live
 
 
 def _take_over(base: _Base, work: _Work, control: ControlSocket, change: Change) -> None:
@@ -212,22 +263,6 @@ def _open_sockets(config: Config, journal: Journal, metrics: Metrics, stack: Asy
     )
     stack.callback(events.close)
     return _Sockets(context, authenticator, events)
-
-
-def _serve_metrics(base: _Base, vitals: VitalsReader, port: int, stack: AsyncExitStack) -> None:
-    """Serve metrics if they are wanted; a port that is in use is told, and keeps no station from its work."""
-    base.metrics.watch(vitals.read)
-    if not port:
-        return
-    try:
-        base.metrics.serve(port)
-    except (OSError, RuntimeError) as exc:
-        facts = {"port": port, "error": str(exc), "advice": "free the port or choose another, then restart"}
-        log.error("metrics_not_served", **facts)
-        base.sockets.events.publish("log", {"event": "metrics_not_served", **facts})
-        base.status_line.note(f"no metrics: port {port} cannot be served")
-        return
-    stack.callback(base.metrics.close)
 
 
 def _limits(config: Config) -> JobLimits:

@@ -21,6 +21,7 @@ from daemon.app.runtime import Runtime, put_together
 from daemon.config.model import Config
 from daemon.domain.errors import Fault
 from daemon.domain.results import JobResult
+from daemon.platform import early_hangup
 from daemon.platform.descriptors import raise_limit
 from daemon.platform.memory import few_arenas
 from daemon.storage.journal import Journal
@@ -54,6 +55,8 @@ class Service:
             for number in (signal.SIGTERM, signal.SIGINT):
                 loop.add_signal_handler(number, self.stop)
             loop.add_signal_handler(signal.SIGHUP, runtime.reloader.ask)
+            if early_hangup.came():
+                runtime.reloader.ask()
             await self._serve(runtime)
         log.info("stopped")
 
@@ -96,6 +99,11 @@ def _background(runtime: Runtime) -> list[asyncio.Task[None]]:
         asyncio.create_task(runtime.supervisor.run(), name="supervise"),
         asyncio.create_task(runtime.reloader.run(busy=lambda: latch.running is not None), name="reload"),
         asyncio.create_task(_lasting("housekeeping", lambda: keep_house(latch, runtime.metrics)), name="housekeeping"),
+        asyncio.create_task(_lasting("metrics", runtime.metrics_port.run), name="metrics"),
+        asyncio.create_task(_lasting("events", runtime.events.run), name="events"),
+        asyncio.create_task(_lasting("unserved", runtime.unserved.run), name="unserved"),
+        asyncio.create_task(_lasting("alerts", runtime.fault_alerts.run), name="alerts"),
+        *([asyncio.create_task(_lasting("live", runtime.live.run), name="live")] if runtime.live else []),
         asyncio.create_task(_lasting("maintenance", runtime.monitor.run), name="maintenance"),
     ]
 

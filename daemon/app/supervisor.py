@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterable
 from typing import Any
 
 import structlog
@@ -27,14 +27,18 @@ from daemon.station.conditions import conditions_of
 from daemon.station.darkness import require_dark
 from daemon.station.device_errors import as_fault
 from daemon.station.devices import Hardware
+from daemon.station.free_pin import FreePin
 from daemon.station.kinematics import Geometry
-from daemon.station.needle import Needle
-from daemon.station.safe_shutdown import UNSURE, shut_down
+from daemon.station.needle import Needle, NeedlePlace
+from daemon.station.safe_shutdown import UNSURE, raise_needle, shut_down
+from daemon.station.sinking import sunk
 from daemon.station.station import Station
+from daemon.station.unopened import bring_to_rest
 from daemon.storage.calibration_store import Calibrations
 from daemon.storage.journal import Journal
 from drivers.deadline import Deadline
 from drivers.errors import CameraError, DeadlinePassed, DeviceError, LinkTimeout
+from drivers.gantry import Position
 
 OPEN_WITHIN_S = 20.0
 FRAME_WITHIN_S = 8.0
@@ -45,10 +49,11 @@ LOOK_EVERY_S = 20.0
 """At rest a picture is looked at this often, and once after every job that took some: both lamps are off."""
 ASK_AGAIN_S = 0.1
 """How often a reset that waits looks whether a job has begun before it."""
-STOP_AGAIN_S = 0.1
-"""Pause between two tries to stop what may still run."""
+STOP_AGAIN_S, ASK_UNOPENED_S = 0.1, 1.0
+"""Pause between two tries to stop what may still run, and to ask drives that could not be opened."""
 DOUBT = "reference_doubt"
 """Name under which the journal keeps the axes in doubt: a kill must not make anybody believe their drives."""
+StopUnopened = Callable[[Config, Iterable[str]], Awaitable[frozenset[str]]]
 OpenDevices = Callable[[Config, Deadline], Awaitable[Hardware]]
 log = structlog.get_logger(__name__)
 
@@ -65,10 +70,13 @@ class StationSupervisor:
         journal: Journal,
         open_devices: OpenDevices,
         on_touch: Callable[[], None] = lambda: None,
+        stop_unopened: StopUnopened = bring_to_rest,
     ) -> None:
         self._settings, self._latch, self._lock = settings, latch, lock
         self._calibrations, self._journal = calibrations, journal
-        self._open_devices = open_devices
+        self._open_devices, self._stop_unopened = open_devices, stop_unopened
+        self._unasked: frozenset[str] = frozenset()
+        """Axes that may run for all that is known: opening failed, and nobody has asked their drives since."""
         self.needle = Needle(lambda: "z" in latch.doubtful, on_touch)
         """Where the needle is, as far as the drives have told since the daemon started."""
         self._hardware: Hardware | None = None
@@ -89,12 +97,13 @@ class StationSupervisor:
     def refresh_context(self) -> None:
         """Lay out what jobs work with by the settings in force."""
         self._fit_calibrations()
+        self.needle.board.end()
         if self._hardware is not None:
             self._lay_out(self._hardware)
 
     def _lay_out(self, hardware: Hardware) -> None:
         config, board = self._settings.config, self._settings.board
-        geometry = Geometry(config, board, self._calibrations)
+        geometry = Geometry(config, board, self._calibrations, self.needle.board)
         station = Station(config, hardware, self.needle)
         self.needle.adopt(geometry.up_z_um, geometry.surface_z_um)
         self._context = StationContext(config, station, board, self._calibrations, geometry)
@@ -159,6 +168,7 @@ class StationSupervisor:
         What needs a person is asked last: `not_homed` means that everything else is well.
         """
         trouble = await self._journal.mend()
+        self.needle.board.end()
         deadline = Deadline.after(OPEN_WITHIN_S)
         hardware, fit = self._hardware, False
         if hardware is None:
@@ -169,35 +179,61 @@ class StationSupervisor:
                 self._latch.doubt(AXES)
             await self._settle_doubts(hardware, deadline)
             await hardware.recover(deadline)
+        fit = fit and not self._latch.doubtful
         await self._settle_doubts(hardware, deadline)
-        if not fit:
+        if fit:
+            homed, position = hardware.found_homed, hardware.found_position
+        else:
             await hardware.check_health(deadline)
             await self._see(hardware)
-        if not await hardware.gantry.homed(deadline):
+            homed, position = await hardware.gantry.homed(deadline), None
+        if not homed:
             self.needle.forget()
             raise Fault(FaultCode.NOT_HOMED)
-        await self._require_needle_up(taken, deadline)
+        await self._require_needle_up(taken, position, deadline)
         # Behind all that speaks against moving: the journal's trouble may be over at any time, by itself.
         if trouble is not None:
             raise trouble
 
-    async def _require_needle_up(self, taken: tuple[Fault, ...], deadline: Deadline) -> None:
-        """Raise if the needle is down, or was and nobody has raised it since; nothing moves here."""
+    async def _require_needle_up(self, taken: tuple[Fault, ...], position: Position | None, deadline: Deadline) -> None:
+        """Raise if the needle is down, or was and nobody has raised it since; nothing moves here.
+
+        `position`: where the drives have just said that they are; None: they are to be asked.
+        """
         if self._context is None:
             raise Fault(FaultCode.INTERNAL, "devices are open and nothing was laid out to work with them")
-        await self._context.station.read_position(deadline)
+        if position is None:
+            await self._context.station.read_position(deadline)
+        else:
+            self.needle.reported(position)
         if not self.needle.is_up:
+            self._have_it_seen_free()
             raise self.needle.fault("it is below the height of looks")
         if any(cause.kind is FaultCode.NEEDLE_DOWN for cause in taken):
             raise self.needle.fault("only a lift settles that it is up")
 
+    def _have_it_seen_free(self) -> None:
+        """Have a needle that somebody else left down looked at before anything moves sideways, where that is possible.
+
+        Who was killed over a pressed pin took along where it stood free; a Z that lost its steps there would be lifted
+        by its count alone.
+        """
+        context = self._context
+        if context is None or self.needle.free_pin is not None:
+            return
+        probe, pose_map = context.calibrations.probe, context.calibrations.pose_map
+        if probe is not None and pose_map is not None:
+            self.needle.free_pin = FreePin.taught(probe, pose_map, context.gantry.free_z_um)
+
     async def _open(self, deadline: Deadline) -> tuple[Hardware, bool]:
         """Open the devices; return them, and whether the drives' self-test found them fit."""
         self._fit_calibrations()
+        self._unasked = frozenset(AXES)
         self._hardware = hardware = await self._open_devices(self._settings.config, deadline)
+        self._unasked = frozenset()
         self._lay_out(hardware)
         log.info("station_open", camera=dict(hardware.camera.settings()))
-        return hardware, all(axis.fit for axis in hardware.found.values())
+        return hardware, hardware.found_fit
 
     async def _see(self, hardware: Hardware) -> None:
         """Raise unless a fresh picture comes, and it is dark; a camera that gives none is opened again first.
@@ -248,11 +284,26 @@ class StationSupervisor:
         while True:
             await asyncio.sleep(STOP_AGAIN_S)
             gantry = self._hardware.gantry if self._hardware is not None else None
-            if gantry is None or gantry.moving or not gantry.unstopped:
+            if gantry is None:
+                await self._stop_unasked()
+                continue
+            if gantry.moving or not gantry.unstopped:
                 continue
             before = gantry.unstopped
             await gantry.stop_again()
             log.warning("stopped_late", axes=[axis for axis in before if axis not in gantry.unstopped])
+
+    async def _stop_unasked(self) -> None:
+        """Stop what a daemon before this one may have left running, while the devices cannot be opened."""
+        if not self._unasked or self._lock.holder is not None:
+            return
+        async with self._lock.hold("stop"):
+            if self._hardware is None:
+                stand = await self._stop_unopened(self._settings.config, sorted(self._unasked))
+                self._unasked -= stand
+                if stand:
+                    log.warning("unopened_drives_stand", axes=sorted(stand))
+        await asyncio.sleep(ASK_UNOPENED_S)
 
     async def _look_after(self) -> None:
         while True:
@@ -264,6 +315,8 @@ class StationSupervisor:
                     await self._check_health()
                 elif self._latch.doubtful:
                     await self._forget_homing(self._hardware)
+                else:
+                    await self._check_z_in_fault(self._hardware)
             await self._check_darkness()
 
     async def _rest(self) -> None:
@@ -293,6 +346,43 @@ class StationSupervisor:
             )
         except Exception as exc:  # noqa: BLE001  # whatever the drives report becomes the station's fault
             self._lose(exc)
+        else:
+            await self._check_z_stays(hardware.standing)
+
+    async def _check_z_in_fault(self, hardware: Hardware) -> None:
+        """Ask whether Z stays while another fault waits for a person; what else the drives say waits for `reset`."""
+        if self.needle.place is NeedlePlace.UNKNOWN:
+            return
+        deadline = self._check_deadline(hardware)
+        try:
+            if not await hardware.gantry.homed(deadline):
+                return
+            position = await hardware.gantry.position(deadline)
+        except DeviceError as exc:
+            log.debug("z_not_asked_in_fault", error=str(exc))
+            return
+        await self._check_z_stays(position)
+
+    async def _check_z_stays(self, position: Position | None) -> None:
+        """Latch a needle that sank since it was left, and raise it. The lock is held; the drives were just asked.
+
+        After a move that was stopped on its way, where it is found is where it was left.
+        """
+        context = self._context
+        if position is None or context is None:
+            return
+        fault = sunk(self.needle, position)
+        if fault is None:
+            if self.needle.z_um is None and self.needle.place is not NeedlePlace.UNKNOWN:
+                self.needle.reported(position)
+            return
+        self.needle.reported(position)
+        unsure = self._latch.doubtful or any(cause.kind in UNSURE for cause in self._latch.causes)
+        self._lose(fault)
+        if unsure:
+            return
+        if (kept_down := await raise_needle(context.station)) is not None:
+            self._latch.latch(_latched(kept_down))
 
     def _check_deadline(self, hardware: Hardware) -> Deadline:
         """Return by when a check has to be over, on lines of this speed."""

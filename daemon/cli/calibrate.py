@@ -7,17 +7,20 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from daemon.cli.click_page import write_click_page
+from daemon.cli.click_page import kept_picture, write_click_page
 from daemon.cli.fit import fit
 from daemon.cli.output import DEFAULT_ENDPOINT, FAILED, AsJson, Endpoint, answered, out
 from daemon.cli.points import point_option
 from daemon.cli.progress import run_with_bar
+from daemon.cli.study import certificate, page
 from daemon.client import Client
 
 app = typer.Typer()
 group = typer.Typer(help="Calibrate: tip, map, rotation, surface, backlash.", no_args_is_help=True)
 app.add_typer(group, name="calibrate")
 group.command("fit")(fit)
+group.command("page")(page)
+group.command("certificate")(certificate)
 Theta = Annotated[float, typer.Option(help="Head angle, degrees.")]
 On = Annotated[
     str | None, typer.Option(help="Name of a round target that stands alone; the printed control point by default.")
@@ -42,8 +45,10 @@ def tip(
         result = client.job("look", pictures=True)
     if result.pictures is None:
         raise typer.Exit(FAILED)
-    write_click_page(Path(result.pictures) / "before-white.jpg", page)
-    out.print(f"open {page}, click the very end of the needle, and run the command it shows", highlight=False)
+    write_click_page(kept_picture(Path(result.pictures) / "before-white.jpg"), page)
+    out.print(
+        f"open {page}, click the very end of the needle, and run the command it shows", markup=False, soft_wrap=True
+    )
 
 
 @group.command("map")
@@ -105,11 +110,14 @@ def align(
     theta_deg: Annotated[
         list[float] | None, typer.Option(help="A head angle to look from; repeat it. 0 and 180 by default.")
     ] = None,
+    board_id: Annotated[
+        str | None, typer.Option("--board-id", help="Which board lies in the nest; later jobs may name it.")
+    ] = None,
     endpoint: Endpoint = DEFAULT_ENDPOINT,
     as_json: AsJson = False,
 ) -> None:
-    """See where the board lies, from three or more fiducials."""
-    fields: dict[str, Any] = {}
+    """See which board lies in the nest, and where: from places that are found once on it, or from round targets."""
+    fields: dict[str, Any] = {} if board_id is None else {"board_id": board_id}
     if on:
         fields["fiducials"] = on
     if theta_deg:

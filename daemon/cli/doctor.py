@@ -24,7 +24,7 @@ def doctor(
 
     A running daemon is asked what it knows instead. Exit code 1 when something keeps the station from working.
     """
-    from daemon.platform.logs import set_up  # noqa: PLC0415
+    from daemon.platform.logs import set_up  # noqa: PLC0415  # as the next one
     from daemon.tools.doctor.examination import examine  # noqa: PLC0415  # drivers and vision: only for this command
 
     set_up(as_json=as_json, level=50)  # what the drivers log is said here in other words

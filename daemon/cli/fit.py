@@ -1,4 +1,4 @@
-"""`reprobe fit`: head models fitted to a rotational record (thesis 6.2, appendix D), and which predicts best."""
+"""`reprobe calibrate fit`: head models fitted to a rotational record (thesis appendix D), and which predicts best."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
-from rich.markup import escape
 from rich.table import Table
 
 from daemon.cli.output import USAGE, AsJson, fail, out, say_json
@@ -28,9 +27,9 @@ def fit(record: Record, model: Model = "auto", every: Every = 1, as_json: AsJson
     try:
         facts = head_facts(read_record(record), model, every)
     except BadRecord as exc:
-        fail(escape(str(exc)), advice=exc.advice, code=USAGE)
+        fail(str(exc), advice=exc.advice, code=USAGE)
     except ValueError as exc:
-        fail(escape(str(exc)), advice="the record is kept as it is; nothing was stored", code=USAGE)
+        fail(str(exc), advice="the record is kept as it is; nothing was stored", code=USAGE)
     if as_json:
         say_json(facts)
     else:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import unicodedata
+from datetime import UTC, datetime
+from functools import cache
 from typing import Any
 
 from rich.markup import escape
@@ -19,6 +22,8 @@ def visible(text: str) -> str:
     Names of jobs and messages come from others: sent to a terminal as they are, they could move its cursor, change what
     stands there, or hide, as letters do that turn the direction of writing.
     """
+    if text.isprintable():  # nothing of those kinds is
+        return text
     return "".join(c if c in "\n\t" or unicodedata.category(c) not in HIDDEN else _written(c) for c in text)
 
 
@@ -46,16 +51,68 @@ def gist(event: dict[str, Any]) -> str:
             return sentence(result_of(event))
         case "progress":
             return f"{event['op']}: {event['done']} of {event['total']}, {event['doing']}"
+        case "point":
+            return f"{escape(event['point'])}: {event['verdict'].replace('_', ' ')}, {event['seconds']:.1f} s"
         case _:
-            return ", ".join(f"{k}={v}" for k, v in event.items() if k not in ("v", "topic", "seq", "time", "station"))
+            told = {key: value for key, value in event.items() if key not in ("v", "topic", "seq", "time", "station")}
+            return escape(one_line(in_words(told)))
+
+
+def as_commands(advice: str) -> str:
+    """Return a daemon's advice in the words of the command line: what it calls `home` is typed as `reprobe home`."""
+    return _named_operation().sub(lambda found: f"`reprobe {found[1]}", advice.replace("send `", "type `"))
+
+
+@cache
+def _named_operation() -> re.Pattern[str]:
+    """Return what finds the name of an operation in a daemon's words."""
+    from daemon.wire.operations.table import OPERATIONS  # noqa: PLC0415  # few commands have any advice to give
+
+    return re.compile(rf"`((?:{'|'.join(OPERATIONS.ops)})(?![\w-]))")
+
+
+def in_words(value: Any) -> str:
+    """Return a value of a reply as a person reads it: no brackets, no None, a list's entries in lines of their own."""
+    if value is None or value in ([], {}):  # the pattern {} would match any dictionary
+        return "none"
+    match value:
+        case bool():
+            return "yes" if value else "no"
+        case float():
+            return f"{value:g}" if abs(value) < 1e6 else f"{value:.0f}"
+        case dict():
+            return ", ".join(f"{key.replace('_', ' ')} {_bracketed(inner)}" for key, inner in value.items())
+        case list():
+            return "".join(f"\n  {in_words(inner)}" for inner in value)
+        case _:
+            return str(value)
+
+
+def _bracketed(value: Any) -> str:
+    if isinstance(value, list):
+        return ", ".join(in_words(inner) for inner in value) or "none"
+    return f"({in_words(value)})" if isinstance(value, dict) and value else in_words(value)
 
 
 def sentence(result: JobResult) -> str:
     """Say how a job ended."""
-    where = f" {result.test_point}" if result.test_point else ""
+    where = f" {escape(result.test_point)}" if result.test_point else ""
     if result.error is not None:
         why = f"{result.error.name} ({result.error.code}), {escape(result.error.message)}"
         return f"[red]{result.op}{where} failed[/]: {why}"
     before, after = result.error_before_um, result.error_after_um
     error = "" if before is None else f", {before:.0f} um off" if after is None else f", {before:.0f} -> {after:.0f} um"
-    return f"[green]{result.outcome}[/]{where}{error}, {result.looks} looks, {result.moves} moves"
+    what = f"{result.detail['what']} " if result.op == "calibrate" and "what" in result.detail else ""
+    return f"[green]{what}{result.outcome}[/]{where}{error}, {result.looks} looks, {result.moves} moves"
+
+
+def age(made_at: str) -> str:
+    """Return how long ago something was made."""
+    hours = (datetime.now(UTC) - datetime.fromisoformat(made_at)).total_seconds() / 3600
+    return f"{hours:.1f} h ago" if hours < 48 else f"{hours / 24:.0f} days ago"
+
+
+def calibrated(calibration: dict[str, Any]) -> str:
+    """Say which calibrations are in force, and since when."""
+    made = calibration.get("made_at") or {}
+    return ", ".join(f"{what} {age(at)}" for what, at in made.items()) or "nothing"

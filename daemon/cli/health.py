@@ -1,4 +1,4 @@
-"""`reprobe health`, `reprobe acknowledge`, `reprobe report`: watches, alerts and a month of a station."""
+"""`reprobe health`, `reprobe acknowledge`, `reprobe month`: watches, alerts and a month of a station."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from daemon.cli.config_file import ConfigFile, load
+from daemon.cli.formatting import as_commands
 from daemon.cli.output import DEFAULT_ENDPOINT, FAILED, USAGE, AsJson, Endpoint, answered, fail, out, say_json
 from daemon.client import Client
 from daemon.platform.subprocess import draw
@@ -24,8 +25,9 @@ PAGE_WITHIN_S = 120.0
 
 
 @app.command()
+@app.command("alerts", hidden=True)
 def health(endpoint: Endpoint = DEFAULT_ENDPOINT, as_json: AsJson = False) -> None:
-    """Show how the station is: every alert with what to do, every watch. Exit code 0: healthy, 1: alerts stand."""
+    """Show how the station is: every alert with what to do, every watch. Exit code 0: healthy, 1: alert or fault."""
     with answered(), Client(endpoint) as client:
         reply = client.request("alerts", since=ALL_ALERTS, limit=1)
     if as_json:
@@ -56,19 +58,19 @@ def acknowledge(
 
 
 @app.command()
-def report(
+def month(
+    month: Annotated[str, typer.Argument(help="Which month, such as 2026-11 (UTC).")],
     config: ConfigFile,
-    month: Annotated[str, typer.Option(help="Which month, such as 2026-11 (UTC).")],
     output: Annotated[Path, typer.Option("--output", "-o", help="The page to write.")],
 ) -> None:
-    """Write a month of the station's health as one HTML page, out of its journal; no daemon is needed."""
+    """Write a month of the station's health as one HTML page, out of the journal; no daemon is needed."""
     loaded = load(config)
-    journal = loaded.station.data_dir / "journal.sqlite"
+    journal = loaded.station.journal
     arguments = ["--journal", str(journal), "--month", month, "--station", loaded.station.name, "-o", str(output)]
     code, words = asyncio.run(draw("daemon.tools.report.month", arguments, PAGE_WITHIN_S))
     if code:
         fail(words or f"the page was not drawn (status {code})", code=USAGE if code == USAGE else FAILED)
-    out.print(f"written to {output}", highlight=False)
+    out.print(f"written to {output}", highlight=False, markup=False, soft_wrap=True)
 
 
 def _show(reply: dict[str, Any]) -> None:
@@ -81,7 +83,7 @@ def _show(reply: dict[str, Any]) -> None:
         out.print(f"  since about {alert['since_touches']} touches, {alert['since_at'][:16]} UTC", highlight=False)
         for line in alert["evidence"][-3:]:
             out.print(f"  [dim]{escape(line)}[/]", highlight=False, soft_wrap=True)
-        out.print(f"  [dim]->[/] {escape(alert['advice'])}", highlight=False, soft_wrap=True)
+        out.print(f"  [dim]->[/] {escape(as_commands(alert['advice']))}", highlight=False, soft_wrap=True)
         if known := alert["acknowledged"]:
             note = f": {known['note']}" if known["note"] else ""
             out.print(f"  acknowledged by {escape(known['by'] + note)}", highlight=False, soft_wrap=True)
@@ -90,8 +92,13 @@ def _show(reply: dict[str, Any]) -> None:
         table.add_row(*_cells(watch))
     out.print(table)
     learning = sum(w["state"] == "learning" for w in reply["watches"])
-    healthy = "[green]healthy[/]" if reply["healthy"] else f"[red]{len(standing)} alert{'s'[: len(standing) > 1]}[/]"
-    out.print(f"{healthy}; {learning} of {len(reply['watches'])} watches have not seen enough yet to judge")
+    alerts = f"{len(standing)} alert{'s'[: len(standing) != 1]}"
+    healthy = "[green]healthy[/]" if reply["healthy"] else f"[red]{alerts}[/]"
+    if fault := reply.get("fault"):
+        cure = escape(as_commands(fault["advice"]))
+        healthy = f"[red]in fault: {fault['name']}[/], {escape(fault['message'])} -> {cure}; {alerts}"
+    learned = f"{learning} of {len(reply['watches'])} watches have not seen enough yet to judge"
+    out.print(f"{healthy}; {learned}", highlight=False, soft_wrap=True)
 
 
 def _cells(watch: dict[str, Any]) -> list[str]:

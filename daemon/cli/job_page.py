@@ -7,6 +7,7 @@ from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+from daemon.cli.formatting import in_words
 from daemon.platform.atomic_file import replace_whole
 from daemon.platform.clock import WAITS
 from daemon.storage.journal_reader import JobRow, Step
@@ -25,6 +26,7 @@ def write_job_page(row: JobRow, steps: list[Step], page: Path) -> None:
     """Write the page; what is put into it is escaped, nothing is fetched."""
     loader = FileSystemLoader(Path(__file__).parent)
     environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined)
+    environment.filters["in_words"] = in_words
     pictures = [(p.stem, base64.b64encode(p.read_bytes()).decode()) for p in pictures_of(row)]
     template = environment.get_template("job_page.html.j2")
     text = template.render(job=row, steps=steps, pictures=pictures, waits=(*WAITS, "software", "total"))

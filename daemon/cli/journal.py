@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import re
-import unicodedata
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
@@ -17,11 +16,12 @@ from rich.markup import escape
 from rich.table import Table
 
 from daemon.cli.config_file import ConfigFile, load
-from daemon.cli.formatting import one_line
+from daemon.cli.formatting import as_commands, in_words, one_line
 from daemon.cli.job_page import pictures_of, write_job_page
 from daemon.cli.output import FAILED, USAGE, AsJson, err, fail, out, say_json
 from daemon.platform.atomic_file import replace_whole
 from daemon.platform.clock import WAITS
+from daemon.platform.spreadsheet import plain_cell
 from daemon.storage.journal_reader import JobRow, JournalReader, NoJournal, Step
 
 app = typer.Typer()
@@ -34,9 +34,6 @@ COLUMNS = (
     "id", "op", "received_at", "finished_at", "ok", "outcome", "test_point", "error_before_um", "error_after_um",
     "looks", "moves", "seconds", "error_code", "error_name", "error_message", "pictures",
 )  # fmt: skip
-FORMULA = ("=", "+", "-", "@")
-UNSEEN = "".join(map(chr, range(33))) + "\x7f\xa0\ufeff\u200b"
-"""Letters before a formula that some spreadsheets pass over."""
 _SPAN = re.compile(r"(\d+(?:\.\d+)?)([smhd])")
 _UNIT_S = {"s": 1, "m": 60, "h": 3600, "d": 86400}
 
@@ -98,7 +95,7 @@ def export(
             if as_jsonl is not None:
                 replace_whole(as_jsonl, lambda path: write_jsonl(path, journal, journal.jobs(**chosen)))
         except OSError as exc:
-            fail(f"cannot write: {exc}")
+            fail(f"cannot write: {exc}", advice="see that its folder is there and that you may write into it")
 
 
 @contextmanager
@@ -145,15 +142,7 @@ def _write_csv(path: Path, jobs: Iterator[JobRow]) -> None:
         table = csv.DictWriter(file, COLUMNS)
         table.writeheader()
         for row in jobs:
-            table.writerow({name: _plain(value) for name, value in flat(row).items()})
-
-
-def _plain(value: Any) -> Any:
-    """Return a cell that no spreadsheet takes for a formula: texts come from those who named the jobs."""
-    if not isinstance(value, str):
-        return value
-    begins = unicodedata.normalize("NFKC", value).lstrip(UNSEEN)[:1]
-    return f"'{value}" if begins in FORMULA or value[:1] in ("\t", "\r", "\n") else value
+            table.writerow({name: plain_cell(value) for name, value in flat(row).items()})
 
 
 def write_jsonl(path: Path, journal: JournalReader, jobs: Iterator[JobRow]) -> None:
@@ -169,8 +158,9 @@ def _cells(row: JobRow) -> list[str]:
     colour = "yellow" if row.ok is None else "green" if row.ok else "red"
     numbers = ["" if line[name] is None else f"{line[name]:.1f}" for name in COLUMNS[7:9]]
     return [
-        row.received_at[:19], escape(one_line(row.id)), row.op, line["test_point"] or "", f"[{colour}]{outcome}[/]",
-        *numbers, "" if row.seconds is None else f"{row.seconds:.2f}",
+        row.received_at[:19], escape(one_line(row.id)), row.op,
+        escape(one_line(str(line["test_point"] or (row.request.get("what") if row.op == "calibrate" else "") or ""))),
+        f"[{colour}]{outcome}[/]", *numbers, "" if row.seconds is None else f"{row.seconds:.2f}",
     ]  # fmt: skip
 
 
@@ -180,7 +170,7 @@ def _tell(row: JobRow, steps: list[Step]) -> None:
     begun = datetime.fromisoformat(row.received_at)
     for step in steps:
         after_s = (datetime.fromisoformat(step.at) - begun).total_seconds()
-        numbers = ", ".join(f"{name} {value}" for name, value in step.body.items())
+        numbers = in_words(step.body)
         out.print(
             f"  {after_s:8.3f} s  [bold]{step.kind:<5}[/] {escape(one_line(numbers))}", highlight=False, soft_wrap=True
         )
@@ -193,7 +183,9 @@ def _tell(row: JobRow, steps: list[Step]) -> None:
     out.print(table)
     if (error := row.error) is not None:
         out.print(f"[red]failed[/]: {error['name']} ({error['code']}), {escape(error['message'])}", highlight=False)
-        out.print(f"  [dim]->[/] {error['advice']}", highlight=False)
+        out.print(f"  [dim]->[/] {escape(as_commands(error['advice']))}", highlight=False)
+        if technical := error["detail"].get("technical"):
+            out.print(f"  [dim]in the maker's terms: {escape(one_line(str(technical)))}[/]", highlight=False)
     else:
         out.print(f"[green]{row.result['outcome']}[/]", highlight=False)
     for picture in pictures_of(row):

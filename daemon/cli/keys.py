@@ -49,6 +49,8 @@ def new(
 def list_(keys: Folder = FOLDER, config: Config = None, as_json: AsJson = False) -> None:
     """List who may come in, and who may not any more."""
     folder = _folder(keys, config)
+    if not folder.is_dir():
+        fail(f"there is no folder {folder}", advice="`reprobe keys new NAME --role operate` makes it", code=USAGE)
     try:
         rows = [
             (key, state) for state, which in (("", CLIENTS), ("revoked", REVOKED)) for key in clients(folder, which)
@@ -79,7 +81,7 @@ def revoke_(
     if as_json:
         say_json(_facts(key, revoked=True))
     else:
-        out.print(f"{key.name} may not come in any more", highlight=False)
+        out.print(f"{escape(key.name)} may not come in any more", highlight=False)
 
 
 def _folder(keys: Path, config: Path | None) -> Path:

@@ -10,9 +10,12 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 from rich.console import Console
+from rich.errors import MarkupError
+from rich.markup import escape
 from rich.text import Text
 
-from daemon.cli.formatting import visible
+from daemon.cli.formatting import as_commands, visible
+from daemon.cli.plain_usage import in_plain_words
 from daemon.client import DEFAULT_CONTROL, NoAnswer, NotLetIn, Refused
 from daemon.wire.curve_keys import KeyTrouble
 
@@ -24,12 +27,15 @@ class VisibleConsole(Console):
     """A console on which control characters of a text are written out; colours come by markup alone."""
 
     def render_str(self, text: str, **options: Any) -> Text:
-        """Render a text, also one inside of a table."""
-        return super().render_str(visible(text), **options)
+        """Render a text, also one inside of a table; brackets that are no markup are shown as they are."""
+        try:
+            return super().render_str(visible(text), **options)
+        except MarkupError:
+            return super().render_str(visible(text), **options | {"markup": False})
 
 
-out = VisibleConsole(width=None if sys.stdout.isatty() else WIDE)
-err = VisibleConsole(stderr=True)
+out = VisibleConsole(width=None if sys.stdout.isatty() else WIDE, emoji=False)
+err = VisibleConsole(stderr=True, emoji=False)
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for machines.")]
 Endpoint = Annotated[str, typer.Option(help="Control socket of the daemon.", envvar="REPROBE_CONTROL")]
@@ -43,11 +49,18 @@ def say_json(value: Any) -> None:
 
 
 def fail(message: str, *, advice: str = "", code: int = FAILED) -> NoReturn:
-    """Say what went wrong and what to do, then end."""
-    err.print(f"[bold red]error:[/] {message}", highlight=False, soft_wrap=True)
+    """Say what went wrong and what to do, as it is written, then end."""
+    err.print(f"[bold red]error:[/] {escape(message)}", highlight=False, soft_wrap=True)
     if advice:
-        err.print(f"  [dim]->[/] {advice}", highlight=False, soft_wrap=True)
+        err.print(f"  [dim]->[/] {escape(advice)}", highlight=False, soft_wrap=True)
     raise typer.Exit(code)
+
+
+def _wrong_fields(detail: Any) -> str:
+    """Return what is wrong with the fields of a request, where a refusal names any."""
+    listed = detail.get("fields") if isinstance(detail, dict) else None
+    wrong = [one for one in listed or () if isinstance(one, dict) and "field" in one and "problem" in one]
+    return "; ".join(f"{one['field']}: {in_plain_words(str(one['problem']))}" for one in wrong)
 
 
 @contextmanager
@@ -56,10 +69,16 @@ def answered() -> Iterator[None]:
     try:
         yield
     except Refused as exc:
-        fail(f"{exc.error['name']} ({exc.error['code']}): {exc.error['message']}", advice=exc.error["advice"])
+        error = exc.error
+        if wrong := _wrong_fields(error.get("detail")):
+            fail(f"{error['name']} ({error['code']}): {wrong}", advice="give other values, and send it again")
+        fail(
+            f"{error['name']} ({error['code']}): {error['message']}",
+            advice=as_commands(error["advice"]),
+        )
     except KeyTrouble as exc:
         fail(str(exc), advice=exc.advice)
     except NotLetIn as exc:
         fail(str(exc), advice="come with a key of that station: --key FILE, or REPROBE_KEY")
     except NoAnswer as exc:
-        fail(str(exc), advice="start it with `reprobe run --config station.toml`, or name its --endpoint")
+        fail(str(exc), advice="start it with `reprobe serve --config station.toml`, or name its --endpoint")

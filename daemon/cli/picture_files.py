@@ -34,9 +34,9 @@ def open_picture(path: Path) -> Pixels:
     try:
         pixels, note = decode(path.read_bytes())
     except OSError as exc:
-        fail(escape(f"cannot read {path}: {exc.strerror}"), code=USAGE)
+        fail(f"cannot read {path}: {exc.strerror}", code=USAGE)
     except BadPicture as exc:
-        fail(escape(f"{path}: {exc.problem}"), advice=exc.advice, code=USAGE)
+        fail(f"{path}: {exc.problem}", advice=exc.advice, code=USAGE)
     if note:
         err.print(escape(f"{path}: {note}"), style="yellow", highlight=False, soft_wrap=True)
     return pixels
@@ -79,7 +79,7 @@ def _torn(data: bytes) -> bool:
 def check_target(path: Path, sources: list[Path]) -> None:
     """End with a message unless a picture can be written to `path` without destroying one of the `sources`."""
     if path.suffix.lower() not in SUFFIXES:
-        fail(escape(f"{path}: no picture's name"), advice=f"end it in one of {', '.join(sorted(SUFFIXES))}", code=USAGE)
+        fail(f"{path}: no picture's name", advice=f"end it in one of {', '.join(sorted(SUFFIXES))}", code=USAGE)
     check_place(path, sources)
 
 
@@ -90,11 +90,11 @@ def check_place(path: Path, sources: list[Path]) -> None:
     except OSError as exc:
         _cannot_write(path, exc, USAGE)
     if not has_folder:
-        fail(escape(f"there is no folder {path.parent}"), advice="make it first", code=USAGE)
+        fail(f"there is no folder {path.parent}", advice="make it first", code=USAGE)
     if is_folder:
-        fail(escape(f"{path} is a folder"), advice="give the name of a file in it", code=USAGE)
+        fail(f"{path} is a folder", advice="give the name of a file in it", code=USAGE)
     if path.resolve() in {source.resolve() for source in sources}:
-        fail(escape(f"{path} is read, it cannot be written too"), advice="give another name", code=USAGE)
+        fail(f"{path} is read, it cannot be written too", advice="give another name", code=USAGE)
 
 
 def write_picture(path: Path, pixels: Pixels) -> None:
@@ -103,7 +103,7 @@ def write_picture(path: Path, pixels: Pixels) -> None:
     quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY] if suffix in (".jpg", ".jpeg") else []
     ok, data = cv2.imencode(suffix, pixels, quality)
     if not ok:
-        fail(escape(f"cannot write {path} as {suffix}"), advice="end its name in .png")
+        fail(f"cannot write {path} as {suffix}", advice="end its name in .png")
     keep(path, lambda beside: beside.write_bytes(data.tobytes()))
 
 
@@ -116,4 +116,4 @@ def keep(path: Path, write: Callable[[Path], object]) -> None:
 
 
 def _cannot_write(path: Path, exc: OSError, code: int = FAILED) -> NoReturn:
-    fail(escape(f"cannot write {path}: {exc.strerror}"), code=code)
+    fail(f"cannot write {path}: {exc.strerror}", code=code)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-from rich.markup import escape
-
 from daemon.cli.output import USAGE, fail
 
 
@@ -19,13 +17,13 @@ def parse_point(text: str) -> tuple[float, float]:
     except ValueError:
         raise ValueError(f"{text!r} is not X,Y") from None
     if not (math.isfinite(x_px) and math.isfinite(y_px)):
-        raise ValueError(f"{text!r} is no place in a picture")
+        raise ValueError(f"{text!r} is no place")
     return x_px, y_px
 
 
-def point_option(text: str, option: str, code: int = USAGE) -> tuple[float, float]:
+def point_option(text: str, option: str, code: int = USAGE, *, example: str = "428.0,620.5") -> tuple[float, float]:
     """Return the point an option gives, or end with a message that names the option."""
     try:
         return parse_point(text)
     except ValueError as exc:
-        fail(escape(f"{option} {exc}"), advice=f"for example {option} 428.0,620.5", code=code)
+        fail(f"{option} {exc}", advice=f"for example {option} {example}", code=code)

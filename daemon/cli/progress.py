@@ -7,9 +7,11 @@ from collections.abc import Mapping
 from typing import Any
 
 import typer
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
+from daemon.cli.formatting import as_commands, in_words
 from daemon.cli.output import FAILED, answered, err, out, say_json
 from daemon.client import Client, NoAnswer, Subscription
 from daemon.domain.results import JobResult
@@ -68,16 +70,21 @@ def _tell(result: JobResult) -> None:
     """Show a result's figures, one a line."""
     if result.error is not None:
         fault = result.error
-        out.print(f"[red]{result.op} failed[/]: {fault.name} ({fault.code}), {fault.message}", highlight=False)
-        out.print(f"  [dim]->[/] {fault.advice}", highlight=False)
+        out.print(f"[red]{result.op} failed[/]: {fault.name} ({fault.code}), {escape(fault.message)}", highlight=False)
+        out.print(f"  [dim]->[/] {escape(as_commands(fault.advice))}", highlight=False)
         if "in_force" in result.detail:
             out.print(f"  in force: {in_force_words(result.detail)}", highlight=False)
         return
     table = Table.grid(padding=(0, 2))
     for name, value in result.detail.items():
-        table.add_row(name, ", ".join(map(str, value)) if isinstance(value, list) else str(value))
+        table.add_row(name, figure_words(value))
     out.print(f"[green]{result.outcome}[/], {result.looks} looks, {result.moves} moves", highlight=False)
     out.print(table)
+
+
+def figure_words(value: Any) -> str:
+    """Return a figure of a result as people read it: lists in one line, no brackets, no Python."""
+    return ", ".join(map(figure_words, value)) if isinstance(value, list) else in_words(value)
 
 
 def in_force_words(detail: Mapping[str, Any]) -> str:

@@ -9,6 +9,7 @@ import typer
 
 from daemon.cli.output import USAGE, fail, out, say_json
 from daemon.config.model import ApiSection
+from daemon.tools.messages import page as messages
 from daemon.wire.docs.schema import schemas, write
 
 app = typer.Typer()
@@ -17,15 +18,15 @@ app = typer.Typer()
 @app.command()
 def schema(
     out_folder: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Write wire.md and schema/*.json into this folder.")
+        Path | None, typer.Option("--out", "-o", help="Write wire.md, messages.md and schema/*.json into this folder.")
     ] = None,
 ) -> None:
-    """Print the JSON Schemas of everything on the wire, or write them with the page that explains it."""
+    """Print the JSON Schemas of everything on the wire, or write them with the pages that explain it."""
     if out_folder is None:
         say_json(schemas())
         return
     try:
-        written = write(out_folder, ApiSection)
+        written = write(out_folder, ApiSection, {"messages.md": messages()})
     except OSError as exc:
         fail(f"{out_folder} cannot be written: {exc.strerror}", advice="choose a folder that is yours", code=USAGE)
     for path in written:

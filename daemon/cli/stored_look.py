@@ -7,14 +7,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from rich.markup import escape
 from rich.table import Table
 
+from daemon.cli.board_look import BoardAsked, board_facts, board_table, register_board
 from daemon.cli.output import USAGE, err, fail
 from daemon.cli.picture_files import Pixels, open_picture
 from daemon.cli.vision_output import cross_facts, cross_table, seen_facts, seen_table, tip_facts, tip_table
 from vision import ControlPoint, NotFound, ProbeModel, Tip, find_control_point, find_test_points, find_tip
-from vision.annotate import Searched, draw_control_point, draw_look, draw_test_points, draw_tip
+from vision.annotate import Searched, draw_board, draw_control_point, draw_look, draw_test_points, draw_tip
 
 PAD_REACH_PX, CROSS_REACH_PX, ARM_PX = 30.0, 60.0, 60.0
 NOT_SEARCHED = {
@@ -35,8 +35,15 @@ class Asked:
     around_px: Point | None
     control_point: bool
     expected_radius_px: float | None
+    expected_hole_radius_px: float | None
     reach_px: float | None
     arm_px: float | None
+    board: BoardAsked | None = None
+
+    @property
+    def sizes_px(self) -> tuple[float | None, float | None]:
+        """Return the pad's radius and its hole's, as they were said."""
+        return self.expected_radius_px, self.expected_hole_radius_px
 
     @property
     def pictures(self) -> list[Path]:
@@ -60,6 +67,8 @@ class StoredLook:
 
 def look_at(asked: Asked) -> StoredLook:
     """Look for what was asked; ValueError for a number that vision refuses."""
+    if asked.board is not None and asked.red is not None:
+        return _look_for_board(asked, asked.red, asked.board)
     white = None if asked.white is None else open_picture(asked.white)
     red = None if asked.red is None else open_picture(asked.red)
     findings = StoredLook()
@@ -85,6 +94,22 @@ def look_at(asked: Asked) -> StoredLook:
     return findings
 
 
+def _look_for_board(asked: Asked, red_path: Path, of: BoardAsked) -> StoredLook:
+    """Register CAD in the red picture, round the tip of the white one or the point given."""
+    red, findings = open_picture(red_path), StoredLook()
+    tip: Tip | NotFound | Point | None = asked.around_px
+    if tip is None and asked.white is not None and asked.probe is not None:
+        tip = _look_for_tip(open_picture(asked.white), _load_probe(asked.probe), findings)
+    if tip is None or isinstance(tip, NotFound):
+        findings.facts["board"] = dict(NOT_SEARCHED)
+        return findings
+    look = register_board(red, tip, of)
+    findings.facts["board"] = board_facts(look)
+    findings.tables.append(board_table(look))
+    findings.page = draw_board(red, look)
+    return findings
+
+
 def _look_for_tip(white: Pixels, model: ProbeModel, findings: StoredLook) -> Tip | NotFound:
     size = white.shape[1], white.shape[0]
     if size != model.frame_px:
@@ -107,7 +132,8 @@ def _look_for_pads(red: Pixels, asked: Asked, tip: Tip | NotFound | None, findin
         findings.facts["test_points"] = dict(NOT_SEARCHED)
         return None
     reach_px = PAD_REACH_PX if asked.reach_px is None else asked.reach_px
-    seen = find_test_points(red, around, reach_px, asked.expected_radius_px, needle)
+    radius_px, hole_radius_px = asked.sizes_px
+    seen = find_test_points(red, around, reach_px, radius_px, needle, expected_hole_radius_px=hole_radius_px)
     findings.facts["test_points"] = seen_facts(seen, around)
     if seen.taken or seen.thrown or seen.undecided:
         findings.tables.append(seen_table(seen, around))
@@ -137,7 +163,7 @@ def _load_probe(path: Path) -> ProbeModel:
         with path.open("rb") as file:
             zipped = zipfile.is_zipfile(file)
         if not zipped:
-            fail(escape(f"{path} is no taught probe"), advice=advice, code=USAGE)
+            fail(f"{path} is no taught probe", advice=advice, code=USAGE)
         return ProbeModel.load(path)
     except OSError as exc:
-        fail(escape(f"cannot read {path}: {exc.strerror}"), advice=advice, code=USAGE)
+        fail(f"cannot read {path}: {exc.strerror}", advice=advice, code=USAGE)

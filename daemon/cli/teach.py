@@ -37,7 +37,7 @@ def teach(
     if annotated is not None:
         check_target(annotated, [white, model_file])
     if model_file.exists() and not force:
-        fail(escape(f"{model_file} is there already"), advice="add --force to replace it", code=USAGE)
+        fail(f"{model_file} is there already", advice="add --force to replace it", code=USAGE)
     picture = open_picture(white)
     height, width = picture.shape[:2]
     if not (0.0 <= click[0] <= width - 1 and 0.0 <= click[1] <= height - 1):
@@ -66,13 +66,13 @@ def _teach(picture: Pixels, click: tuple[float, float], annotated: Path | None) 
         if annotated is not None:
             write_picture(annotated, draw_untaught(picture, click, str(exc)))
         shown = f"see {annotated}" if annotated is not None else "add --annotated teach.png to see where it was looked"
-        fail(escape(f"not taught: {exc}"), advice=escape(shown))
+        fail(f"not taught: {exc}", advice=shown)
 
 
 def _off_px(again: Tip | NotFound, model: ProbeModel) -> float:
     """Return how far off the tip is found in its own picture; end if that is too far."""
     if isinstance(again, NotFound):
-        fail(escape(f"not taught: the tip is not found again ({again.reason}): {again.message}"))
+        fail(f"not taught: the tip is not found again ({again.reason}): {again.message}")
     off_px = math.hypot(again.x_px - model.tip_px[0], again.y_px - model.tip_px[1])
     if off_px > MOST_OFF_PX:
         fact = f"not taught: the tip is found {off_px:.2f} px off in its own picture (at most {MOST_OFF_PX})"

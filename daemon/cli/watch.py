@@ -8,6 +8,7 @@ from contextlib import suppress
 from typing import Annotated, Any
 
 import typer
+from rich.console import RenderableType
 from rich.live import Live
 
 from daemon.cli.formatting import gist
@@ -17,7 +18,7 @@ from daemon.client import Client, NoAnswer, NotLetIn, Refused, Subscription, lis
 from daemon.domain.results import JobResult
 
 app = typer.Typer()
-TOPICS = ("state", "result", "alert", "progress", "log")
+TOPICS = ("state", "result", "alert", "progress", "contact", "log")
 ASK_WITHIN_S, TURN_S, REFRESH_S = 1.0, 0.25, 5.0
 RECENT_EVENTS = 300
 """Results among so many last events are shown at the beginning."""
@@ -37,8 +38,12 @@ def watch(
             _print_lines(endpoint, tuple(topic) if topic else TOPICS, count, as_json=as_json)
         else:
             view = WatchView()
-            with answered(), Live(view.render(time.monotonic()), console=out, auto_refresh=False) as live:
-                follow(endpoint, view, lambda: live.update(view.render(time.monotonic()), refresh=True))
+
+            def drawn() -> RenderableType:
+                return view.render(time.monotonic(), out.width, out.height)
+
+            with answered(), Live(drawn(), console=out, auto_refresh=False) as live:
+                follow(endpoint, view, lambda: live.update(drawn(), refresh=True))
     err.print("[dim]no longer listening[/]")
 
 

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import io
 from collections import deque
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
+from datetime import datetime
 from typing import Any
 
-from rich.console import Group, RenderableType
+from rich.console import Console, Group, RenderableType
 from rich.markup import escape
 from rich.panel import Panel
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 
-from daemon.cli.formatting import result_of, sentence
+from daemon.cli.formatting import as_commands, calibrated, result_of, sentence
 from daemon.domain.results import JobResult
 
 RESULTS, SILENT_S, LATE = 8, 3.5, 50
+CLOCK = len("23:59:59")
+FRAMES, MOST_ALERTS = 4, 4
+"""Lines of the two frames; alerts that are spelled out."""
+FRAME = 4
+"""Columns of one frame."""
 COLOUR = {"idle": "green", "fault": "red"}
 
 
@@ -89,7 +95,8 @@ class WatchView:
                 self.state, self.version = event["state"], event["version"]
             case _:
                 pass
-        return lost or silent
+        # A fault whose cause did not come along, as after a reset that failed, is asked for
+        return lost or silent or (self.state == "fault" and self.fault is None)
 
     def _take_state(self, event: dict[str, Any]) -> None:
         self.state, self.fault = event["state"], event["fault"]
@@ -124,44 +131,78 @@ class WatchView:
 
     # --- showing ---------------------------------------------------------------------------------------------
 
-    def render(self, now_s: float) -> RenderableType:
-        """Draw it."""
-        parts = [self._headline(now_s), self._job(), self._results(), self._alerts(), self._health()]
+    def render(self, now_s: float, width: int = 80, height: int = 24) -> RenderableType:
+        """Draw it for a terminal of so many columns and lines; what is wrong now stands above what was."""
+        above = [self._headline(now_s), self._alerts(), self._job()]
+        health = self._health()
+        taken = FRAMES + sum(_height(part, width) for part in (*above, health))
+        room = max(1, height - taken)
+        newest = self._newest()
+        lines = 0 if newest is None else _height(newest, width - FRAME)
+        if lines > room:
+            newest, lines = None, 0
+        results = self._results(newest, min(RESULTS, max(1, room - lines + (newest is not None))))
+        parts = [*above, results, health]
         return Panel(Group(*parts), title=f"reprobe {escape(self.station)}", subtitle=self.version)
 
     def _headline(self, now_s: float) -> str:
         if self.heard_s is None:
             return "[yellow]no daemon answers yet[/]"
-        text = f"[bold {COLOUR.get(self.state, 'cyan')}]{self.state}[/], {self.queued} waiting"
+        text = f"[bold {COLOUR.get(self.state, 'cyan')}]{self.state}[/]"
         if self.fault:
-            text += (
-                f"\n[red]{self.fault['name']}[/]: {escape(self.fault['message'])}\n-> {escape(self.fault['advice'])}"
-            )
+            cause = f"[red]{self.fault['name']}[/]: {escape(self.fault['message'])}"
+            text += f" {cause} -> {escape(as_commands(self.fault['advice']))}"
+        elif self.state == "fault":
+            text += " [red]of a cause that is being asked for[/]"
+        text += f", {self.queued} waiting" if self.queued else ""
         silent_s = now_s - self.heard_s
         return text if silent_s <= SILENT_S else f"{text}\n[yellow]nothing heard for {silent_s:.0f} s[/]"
 
     def _job(self) -> RenderableType:
         if self.running is None:
             return "[dim]no job runs[/]"
-        name = f"{self.running['op']} {escape(self.running['id'])}".strip()
         progress = self.running["progress"]
         if not progress:
-            return f"running: [bold]{name}[/]"
-        row = Table.grid(padding=(0, 1))
-        bar = ProgressBar(total=progress["total"], completed=progress["done"], width=40)
-        row.add_row(f"running: [bold]{name}[/]", bar, f"{progress['done']}/{progress['total']}", progress["doing"])
+            return f"running: [bold]{self.running['op']} {escape(self.running['id'])}[/]".strip()
+        row = Table.grid(padding=(0, 1), expand=True)
+        row.add_column(no_wrap=True)
+        row.add_column(ratio=1)
+        row.add_column(no_wrap=True)
+        row.add_column(no_wrap=True, overflow="ellipsis", max_width=32)
+        bar = ProgressBar(total=progress["total"], completed=progress["done"])
+        done = f"{progress['done']}/{progress['total']}"
+        row.add_row(f"running: [bold]{self.running['op']}[/]", bar, done, escape(progress["doing"]))
         return row
 
-    def _results(self) -> RenderableType:
+    def _newest(self) -> str | None:
+        """Return the newest result in full, with what to do, if it failed."""
+        result = self.results[-1] if self.results else None
+        if result is None or result.error is None:
+            return None
+        return f"[dim]{_local(result.finished_at)}[/] {sentence(result)}\n-> {escape(as_commands(result.error.advice))}"
+
+    def _results(self, newest: str | None, most: int) -> RenderableType:
+        """Show the last results, the newest first; `newest`: that one spelt out, None: a line as the others."""
         table = Table.grid(padding=(0, 1))
-        for result in reversed(self.results):
-            table.add_row(f"[dim]{result.finished_at[11:19]}[/]", sentence(result))
-        return Panel(table, title="last results", title_align="left")
+        table.add_column(no_wrap=True, min_width=CLOCK)
+        table.add_column(no_wrap=True, overflow="ellipsis")
+        for result in list(reversed(self.results))[newest is not None : most]:
+            table.add_row(f"[dim]{_local(result.finished_at)}[/]", sentence(result))
+        shown = Group(newest, table) if newest is not None else table
+        return Panel(shown, title="last results", title_align="left")
 
     def _alerts(self) -> str:
         if not self.alerts:
-            return "[green]no alerts[/]"
-        return "\n".join(f"[yellow]alert {escape(n)}[/]: {escape(text)}" for n, text in sorted(self.alerts.items()))
+            # Green is for a station that works
+            if self.state == "fault":
+                return "[dim]no alerts beside the fault[/]"
+            failed = bool(self.results) and not self.results[-1].ok
+            return "[dim]no alerts; the last job failed, see below[/]" if failed else "[green]no alerts[/]"
+        standing = sorted(self.alerts.items())
+        lines = [f"[yellow]alert {escape(name)}[/]: {escape(text)}" for name, text in standing[:MOST_ALERTS]]
+        if len(standing) > MOST_ALERTS:
+            lines.append(f"[yellow]and {len(standing) - MOST_ALERTS} more: `reprobe health`[/]")
+        return "\n".join(lines)
 
     def _health(self) -> str:
         lines = [
@@ -174,15 +215,17 @@ class WatchView:
                 f"{camera['missed']} missed, {camera['timeouts']} time-outs, {camera['reopened']} times opened again"
             )
             lines.append(f"camera: {camera['grabbed']} frames, {trouble}")
-        made = self.calibration.get("made_at", {})
-        ages = ", ".join(f"{what} {_age(at)}" for what, at in made.items())
-        lines.append(f"calibrated: {ages or 'nothing'}")
+        lines.append(f"calibrated: {calibrated(self.calibration)}")
         if self.missed and self.last_gap:
             lines.append(f"[yellow]{self.missed} events missed, last {self.last_gap[0]}..{self.last_gap[1]}[/]")
         return "\n".join(lines)
 
 
-def _age(made_at: str) -> str:
-    """Return how long ago something was made."""
-    hours = (datetime.now(UTC) - datetime.fromisoformat(made_at)).total_seconds() / 3600
-    return f"{hours:.1f} h ago" if hours < 48 else f"{hours / 24:.0f} days ago"
+def _height(part: RenderableType, width: int) -> int:
+    """Return how many lines a part takes inside the frame."""
+    return len(Console(width=max(1, width - FRAME), file=io.StringIO()).render_lines(part, pad=False))
+
+
+def _local(at: str) -> str:
+    """Return a time of the wire as the clock on the wall shows it."""
+    return datetime.fromisoformat(at).astimezone().strftime("%H:%M:%S")

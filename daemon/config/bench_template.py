@@ -5,6 +5,8 @@ It is the same file that a real station has; what differs from bench to bench is
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Literal
 
@@ -12,6 +14,8 @@ GAP_MS, STILL_MS, LIT_MS = 3.0, 60.0, 40.0
 """Silence on the line, and how long the head and a lamp take to be steady, on a station whose time is the clock's."""
 REPLY_MS = 200.0
 """How long a slave may take to answer; more where several stations share a computer, which then is what is slow."""
+PICTURE_REPLIES = 15.0
+"""A picture may take as long as so many answers of a slave."""
 
 _TOML = """\
 # Written by `{by}`. A real station differs in names of ports only.
@@ -78,7 +82,11 @@ safe_z_um = 12000.0
 work_z_um = 5200.0
 touch_z_um = 5000.0
 press_um = 200.0
+overtravel_um = 450.0       # most that the pin may ever be pushed in, at a second site
 settle_ms = {still_ms:g}
+
+[touch]
+overtravel_um = 300.0
 
 [lights]
 kind = "modbus"
@@ -92,6 +100,7 @@ settle_ms = {lit_ms:g}
 kind = "stream"
 endpoint = "{camera}"
 encoding = "mjpg"
+timeout_ms = {picture_ms:g}
 
 [head]
 radius_um = 14938.26      # the mean of the real head's record; its run-out is what the servo is for
@@ -109,6 +118,38 @@ origin_y_um = 40000.0
 [api]
 control = "{control}"
 events = "{events}"
+live = "{live}"
+"""
+
+
+_ELECTRIC = """
+[ladder]
+order = ["look", "pump", "reference", "second_site"]
+
+[reference]               # a gold coin beside the board, joined to the meter's return
+x_um = 30000.0
+y_um = 34000.0
+
+[brush]
+x_um = 30000.0
+y_um = 40000.0
+
+[meter]                   # the simulated station's own, on loopback
+kind = "scpi"
+address = "{address}"
+contact_channel = {contact_channel}
+{ground}
+[meter.channels]          # of the scanner, for each net's pin of the harness
+{channels}
+
+[meter.methods.contact]
+range = 100.0
+nplc = 0.2
+[meter.methods.continuity]
+range = 100.0
+nplc = 0.2
+[meter.methods.resistance]
+nplc = 0.2
 """
 
 
@@ -124,9 +165,11 @@ class BenchPlaces:
     line: str
     """The serial line."""
     camera: str
-    """ZeroMQ endpoint, as are the next two."""
+    """ZeroMQ endpoint, as are the next three."""
     control: str
     events: str
+    live: str = ""
+    """Empty: no live pictures."""
 
 
 @dataclass(frozen=True)
@@ -147,6 +190,21 @@ def bench_toml(places: BenchPlaces, waits: BenchWaits, pictures: Literal["failed
         pictures=pictures,
         gap_ms=GAP_MS / waits.speed,
         reply_ms=waits.reply_ms,
+        picture_ms=PICTURE_REPLIES * waits.reply_ms,
         still_ms=STILL_MS / waits.speed,
         lit_ms=LIT_MS / waits.speed,
+    )
+
+
+def bench_electric_toml(address: str, harness: Mapping[int, str], contact_channel: int) -> str:
+    """Return what a station.toml has beside for probing: meter, reference pad, brush.
+
+    `harness`: scanner channel -> net. `contact_channel`: of the needle's second wire.
+    """
+    ground = next((net for net in harness.values() if net.upper().strip("/") == "GND"), None)
+    return _ELECTRIC.format(
+        address=address,
+        contact_channel=contact_channel,
+        ground="" if ground is None else f"ground_net = {json.dumps(ground)}\n",
+        channels="\n".join(f"{json.dumps(net)} = {channel}" for channel, net in harness.items()),
     )

@@ -12,6 +12,7 @@ class CurrentSettings:
 
     def __init__(self, config: Config, board: Board) -> None:
         self._config, self._board = config, board
+        self._refused: tuple[str, ...] = ()
 
     @property
     def config(self) -> Config:
@@ -22,6 +23,19 @@ class CurrentSettings:
     def board(self) -> Board:
         """The board it names."""
         return self._board
+
+    @property
+    def refused(self) -> tuple[str, ...]:
+        """What is wrong with the file, which is not in force; empty when it is, or nobody asked for it."""
+        return self._refused
+
+    def note_reload(self, what: str, facts: dict[str, object]) -> None:
+        """Take note of how a reload went: what was refused stands until a file is taken."""
+        problems = facts.get("problems")
+        if what == "refused" and isinstance(problems, list):
+            self._refused = tuple(f"{where}: {said}" for where, said in problems)
+        elif what == "taken":
+            self._refused = ()
 
     def replace(self, change: Change) -> None:
         """Put another configuration in force, with its board."""

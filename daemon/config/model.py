@@ -8,37 +8,27 @@ from __future__ import annotations
 
 import re
 import stat
-import tomllib
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from daemon.config.watch_names import is_known
+from daemon.config.cross_checks import CLEAR_UM
+from daemon.config.paths import resolved
+from daemon.config.problems import ConfigError, Unlikely
+from daemon.config.reading import read_checked, read_unlikely
+from daemon.domain.point_test import Rung
 from daemon.domain.roles import Role
-from daemon.platform.plain_file import read_small
+from drivers.meter import DEFAULT_FUNCTIONS, WITHOUT_NPLC, WITHOUT_RANGE, Function, Method, parse_address
 from vision.geometry import Rigid2
 from vision.head import CircleHead
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
-CLEAR_UM = 100.0
-"""Between the needle and the highest possible surface."""
-LOOPBACK = re.compile(r"ipc://.+|tcp://(127(\.\d{1,3}){3}|\[::1\]|localhost):(\d+|\*)")
+LOOPBACK = re.compile(r"ipc://.+|tcp://(127(\.\d{1,3}){3}|\[::1\]|localhost)(:(\d+|\*))?")
 
-MOST_BYTES, LONGEST_LINE = 250_000, 1_000
-"""A key of many dots costs the parser the square of their number: one of 50,000 takes minutes."""
-
-
-class ConfigError(Exception):
-    """Say all that is wrong with a configuration, each with its path."""
-
-    def __init__(self, path: Path, problems: list[tuple[str, str]]) -> None:
-        self.path = path
-        self.problems = problems
-        lines = [f"{path}: {len(problems)} problem{'s' if len(problems) > 1 else ''}"]
-        super().__init__("\n".join(lines + [f"  {where}: {what}" for where, what in problems]))
+__all__ = ["Config", "ConfigError", "load_config", "unlikely"]
 
 
 class Section(BaseModel):
@@ -54,12 +44,25 @@ class StationSection(Section):
     data_dir: Path = Field(description="journal, pictures, calibrations; relative to the configuration file")
     pictures: Literal["failed", "all", "none"] = Field(default="failed", description="of which jobs pictures are kept")
     pictures_quota_mb: Positive = Field(default=500.0, description="oldest pictures go beyond this")
+    needle: str | None = Field(
+        default=None,
+        min_length=1,
+        max_length=64,
+        description="serial number of the needle in it; every record tells it",
+    )
+
+    @property
+    def journal(self) -> Path:
+        """Where the journal is kept."""
+        return self.data_dir / "journal.sqlite"
 
 
 class BusSection(Section):
     """One RS-485 line: a serial port, or a host that carries RTU frames over TCP."""
 
-    port: str | None = Field(default=None, description="serial device, best a stable name from udev")
+    port: str | None = Field(
+        default=None, description="serial device, best a stable name from udev; or a path below this file's folder"
+    )
     baudrate: int = Field(default=115200, ge=1200, le=1_000_000)
     parity: Literal["N", "E", "O"] = "E"
     stopbits: Literal[1, 2] = 1
@@ -69,12 +72,6 @@ class BusSection(Section):
     timeout_ms: float = Field(default=200.0, ge=10, le=5000, description="longest wait for one reply")
     gap_ms: float = Field(default=3.0, ge=0, le=100, description="silence before the next request (manual: 3 ms)")
     local_echo: bool = Field(default=False, description="the adapter hears itself: its echo is taken off each reply")
-
-    @model_validator(mode="after")
-    def _one_way(self) -> Self:
-        if (self.port is None) == (self.host is None):
-            raise ValueError("give either port or host")
-        return self
 
 
 class ObjectAccessSection(Section):
@@ -119,14 +116,6 @@ class AxisSection(Section):
         default=2000.0, ge=100, le=60_000, description="standing still this long short of the target is a stall"
     )
 
-    @model_validator(mode="after")
-    def _sane(self) -> Self:
-        if self.minimum >= self.maximum:
-            raise ValueError(f"minimum {self.minimum} is not below maximum {self.maximum}")
-        if self.increments_per_unit == 0:
-            raise ValueError("increments_per_unit is zero")
-        return self
-
 
 class AxesSection(Section):
     """The four axes."""
@@ -160,16 +149,6 @@ class GantrySection(Section):
     approach_deg: NotNegative = Field(default=0.5, description="the same for the head's angle")
     settle_ms: NotNegative = Field(default=60.0, description="vibration after a move dies out within this")
 
-    @model_validator(mode="after")
-    def _heights(self) -> Self:
-        if not self.touch_z_um <= self.work_z_um < self.safe_z_um:
-            raise ValueError("heights must be touch_z_um <= work_z_um < safe_z_um")
-        if self.free_z_um >= self.safe_z_um:
-            raise ValueError(
-                f"safe_z_um must be above touch_z_um + surface_range_um + {CLEAR_UM:.0f}: a board there is hit"
-            )
-        return self
-
     @property
     def highest_surface_um(self) -> float:
         """Z at which the needle may first meet a surface of which nothing is known."""
@@ -186,6 +165,159 @@ class GantrySection(Section):
         return self.touch_z_um - self.surface_range_um - max(self.overtravel_um, self.press_um)
 
 
+class ClearanceSection(Section):
+    """What lets the head go sideways lower than at safe_z_um; without this section it never does.
+
+    The needle, its barrel and the rest of the head count from the needle's free end. Heights are above the board's
+    surface. What is not told counts as free at safe_z_um only.
+    """
+
+    clear_um: float = Field(
+        default=300.0, ge=150, le=5000, description="between the head and what it passes over: surface, part or nest"
+    )
+    needle_radius_um: Positive = Field(default=500.0, description="of the needle below its barrel, at most")
+    barrel_from_um: Positive = Field(default=2000.0, description="the barrel's foot is so high above the needle's end")
+    barrel_radius_um: Positive = Field(default=1500.0, description="of the barrel, at most")
+    head_from_um: Positive = Field(
+        default=6000.0, description="nothing else on the head, camera and lamps too, is lower above the needle's end"
+    )
+    head_box_um: tuple[Finite, Finite, Finite, Finite] = Field(
+        default=(-60_000.0, -60_000.0, 60_000.0, 60_000.0),
+        description="about the needle at head angle 0, nothing of the head is farther: x0, y0, x1, y1",
+    )
+    outline_um: NotNegative = Field(
+        default=8000.0,
+        description="a part reaches no farther beyond its outline in the board file; with courtyards 500 will do",
+    )
+    solder_um: NotNegative = Field(default=500.0, description="solder on a pad is no higher")
+    lead_um: NotNegative = Field(default=3000.0, description="a lead that comes through the board is no longer")
+    nest_um: NotNegative | None = Field(
+        default=None, description="nothing beside the board, or through its large holes, is higher; none: not known"
+    )
+    heights_um: dict[Annotated[str, Field(pattern=r"^[A-Z]+$")], NotNegative] = Field(
+        default={}, description="parts whose names begin with these letters are no higher"
+    )
+    bare: bool = Field(default=False, description="no parts are fitted: a board file without any is believed")
+
+
+class TouchSection(Section):
+    """How a touch for a measurement goes down, and how often a pad may be touched."""
+
+    overtravel_um: float | None = Field(
+        default=None,
+        ge=20,
+        le=1000,
+        description="how far the pin is pushed in where a request says nothing; none: gantry.overtravel_um",
+    )
+    approach_um: float = Field(
+        default=300.0, ge=50, le=2000, description="Z goes slowly from so far above the measured surface"
+    )
+    dwell_ms: float = Field(default=30.0, ge=0, le=1000, description="the contact has settled after this")
+    placed_within_s: float = Field(
+        default=60.0, gt=0, le=3600, description="a point is touched no later than this after `place` or `correct`"
+    )
+    touches_per_pad: int = Field(default=8, ge=1, le=1000, description="of one board in its life, named by `align`")
+    presses_per_pad: int = Field(
+        default=8, ge=1, le=1000, description="the same for pushes of the pin, with those of pumping"
+    )
+
+
+class PinSection(Section):
+    """The sprung pin, from its data sheet."""
+
+    travel_um: float = Field(default=1000.0, ge=100, le=20_000, description="its full stroke")
+    preload_n: float = Field(default=0.3, ge=0, le=20, description="force at the beginning of the stroke")
+    rate_n_per_mm: float = Field(default=0.6, ge=0, le=100, description="by which the force grows")
+
+    @property
+    def stroke_um(self) -> float:
+        """How far it may be pushed in: two thirds of its travel, the recommended stroke of makers of spring probes."""
+        return self.travel_um * 2 / 3
+
+    def force_n(self, pressed_um: float) -> float:
+        """Return its force when it is pushed in; 0 where it is free."""
+        return self.preload_n + self.rate_n_per_mm * pressed_um / 1e3 if pressed_um > 0 else 0.0
+
+
+class SenseSection(Section):
+    """Touch sense: an input of the Z drive that closes when the needle stands on metal."""
+
+    kind: Literal["none", "drive_input"] = Field(default="none", description="where it is wired to")
+    input: int = Field(default=4, ge=1, le=16, description="drive_input: number of the Z drive's input, as on its plug")
+    closed: Literal["high", "low"] = Field(default="high", description="level of the input on metal")
+
+
+class LadderSection(Section):
+    """What a probe does at a point that gives no pass at once, in which order, and what it believes."""
+
+    order: tuple[Rung, ...] = Field(
+        default=(Rung.LOOK, Rung.PUMP, Rung.REFERENCE, Rung.SECOND_SITE),
+        description="after the first touch: look, pump, reference, second_site; what is left out is never done",
+    )
+    touches_per_visit: int = Field(default=3, ge=1, le=100, description="descents onto a pad in one test of it")
+    pumps: int = Field(default=3, ge=1, le=10, description="strokes between half and full press")
+    harder: float = Field(default=1.5, ge=1.0, le=3.0, description="press at a second site, as a share of the first's")
+    proof_max_ohm: Positive = Field(default=10.0, description="contact is proved up to this between the needle's wires")
+    continuity_max_ohm: Positive = Field(default=10.0, description="a net is whole up to this, where no limit is given")
+    settled_share: float = Field(default=0.05, gt=0, le=1, description="three readings that agree within this count")
+    settle_max_ms: float = Field(default=500.0, ge=10, le=10_000, description="longest wait for such readings")
+    measure_max_ms: float = Field(
+        default=6000.0, ge=100, le=60_000, description="of all that is measured in one press; then the needle goes up"
+    )
+    reference_good_s: float = Field(
+        default=60.0,
+        gt=0,
+        le=3600,
+        description="no open is accused unless the reference pad was good so shortly before",
+    )
+
+    @model_validator(mode="after")
+    def _sensible(self) -> Self:
+        if Rung.TOUCH in self.order:
+            raise ValueError("order holds what follows the first touch; leave out touch itself")
+        if Rung.PATH in self.order:
+            raise ValueError("order names no path: it is taken by itself, where an accusation hangs on it")
+        if len(set(self.order)) < len(self.order):
+            raise ValueError("order names a rung twice")
+        return self
+
+
+class ReferenceSection(Section):
+    """The reference pad: gold beside the board, joined to the instrument's return; a good needle reads next to none."""
+
+    x_um: Finite = Field(description="its middle, robot frame")
+    y_um: Finite
+    z_um: Finite | None = Field(default=None, description="Z at which the needle meets it; none: gantry.touch_z_um")
+    max_ohm: Positive = Field(
+        default=1.0, description="a needle that reads more is dirty, worn or broken; leads included"
+    )
+    tare_s: float = Field(
+        default=900.0,
+        gt=0,
+        le=86_400,
+        description="age up to which its last reading is subtracted from values; then a run measures it again",
+    )
+
+    @property
+    def place_um(self) -> tuple[float, float]:
+        """Where it is."""
+        return self.x_um, self.y_um
+
+
+class BrushSection(Section):
+    """The brush beside the board, onto which a bad needle is lowered."""
+
+    x_um: Finite = Field(description="its middle, robot frame")
+    y_um: Finite
+    z_um: Finite | None = Field(default=None, description="Z at which the needle meets it; none: gantry.touch_z_um")
+    touches: int = Field(default=3, ge=1, le=20, description="so often it is lowered each time")
+
+    @property
+    def place_um(self) -> tuple[float, float]:
+        """Where it is."""
+        return self.x_um, self.y_um
+
+
 class LightsSection(Section):
     """The two rings: a Modbus relay board on a bus, or a serial relay of its own."""
 
@@ -199,16 +331,6 @@ class LightsSection(Section):
     dark_level: float = Field(
         default=60.0, ge=0.0, le=255.0, description="with both lamps off nothing is brighter; 0: not looked at"
     )
-
-    @model_validator(mode="after")
-    def _complete(self) -> Self:
-        if self.kind == "modbus" and self.bus is None:
-            raise ValueError("kind modbus needs bus")
-        if self.kind == "serial" and self.port is None:
-            raise ValueError("kind serial needs port")
-        if self.white == self.red:
-            raise ValueError("white and red are the same switch")
-        return self
 
 
 class CameraSection(Section):
@@ -232,14 +354,6 @@ class CameraSection(Section):
         default=1000.0, ge=50, le=60_000, description="without a new frame for this long it is opened again"
     )
     open_ms: float = Field(default=10_000.0, ge=500, le=120_000, description="longest wait for it to open")
-
-    @model_validator(mode="after")
-    def _complete(self) -> Self:
-        if self.kind == "v4l2" and self.device is None:
-            raise ValueError("kind v4l2 needs device")
-        if self.kind == "stream" and self.endpoint is None:
-            raise ValueError("kind stream needs endpoint")
-        return self
 
 
 class HeadSection(Section):
@@ -292,6 +406,13 @@ class ServoSection(Section):
     trusted_um: Positive = Field(
         default=120.0, description="where head and board are calibrated, a pad is within this of its nominal place"
     )
+    first_landing_um: Positive = Field(
+        default=80.0, description="99 of 100 first landings end within this of their target, before any look"
+    )
+    landing_um: Positive = Field(default=40.0, description="the same for landings that a look has verified")
+    tip_radius_um: float = Field(
+        default=25.0, ge=0.0, le=1000.0, description="of the needle's end; so much more bare metal it needs about it"
+    )
     calibration_days: Positive = Field(default=30.0, description="a map older than this is not used")
     job_timeout_s: Positive = Field(default=60.0, description="deadline of a job that brings none")
     calibration_timeout_s: Positive = Field(default=3600.0, description="the same for calibrations and alignments")
@@ -305,8 +426,10 @@ def is_local(endpoint: str) -> bool:
 class ApiSection(Section):
     """Where testers reach the daemon."""
 
-    control: str = "tcp://127.0.0.1:5555"
-    events: str = "tcp://127.0.0.1:5556"
+    control: str = Field(default="tcp://127.0.0.1:5555", description="where is asked, such as tcp://127.0.0.1:5555")
+    events: str = Field(default="tcp://127.0.0.1:5556", description="where is told, such as tcp://127.0.0.1:5556")
+    live: str = Field(default="", description="where live pictures are published; empty: nowhere")
+    live_fps: float = Field(default=5.0, gt=0, le=5.0, description="live pictures a second, while somebody looks")
     max_message_bytes: int = Field(default=1_000_000, ge=1024, description="more is refused before it is decoded")
     queue_length: int = Field(default=16, ge=1, le=1000, description="jobs that may wait")
     queue_per_client: int = Field(default=8, ge=1, le=1000, description="jobs of one client that may wait")
@@ -319,12 +442,73 @@ class ApiSection(Section):
 
     @model_validator(mode="after")
     def _local(self) -> Self:
-        for endpoint in (self.control, self.events):
+        for endpoint in filter(None, (self.control, self.events, self.live)):
             if not is_local(endpoint) and not self.curve:
                 raise ValueError(
                     f"{endpoint} is reachable from outside; only loopback and ipc are served without keys: "
                     "make them by `reprobe keys new`, then set curve = true"
                 )
+        return self
+
+
+ScpiText = Annotated[str, Field(min_length=1, max_length=200, pattern=r"^[ -~]+$")]
+"""One message to an instrument: ASCII in one line."""
+
+
+class MeterMethodSection(Section):
+    """How one method is measured."""
+
+    function: Function | None = Field(default=None, description="of the instrument; none: the method's own")
+    range: Positive | None = Field(default=None, description="largest value expected, ohm, V or F; none: automatic")
+    nplc: Positive | None = Field(default=None, description="integration time in cycles of the mains")
+    commands: tuple[ScpiText, ...] = Field(default=(), description="instead of CONF: for an instrument of other words")
+    read: ScpiText = Field(default="READ?", description="what is asked for one reading")
+
+    @model_validator(mode="after")
+    def _one_way(self) -> Self:
+        if self.commands and not (self.range is None and self.nplc is None):
+            raise ValueError("with commands of its own, range and nplc belong into them")
+        return self
+
+    def function_of(self, method: Method) -> Function:
+        """Return what the instrument measures for a method."""
+        return self.function or DEFAULT_FUNCTIONS[method]
+
+
+class MeterSection(Section):
+    """The measuring instrument between needle and harness; without this section there is none."""
+
+    kind: Literal["scpi"]
+    address: str = Field(description="host:port of its SCPI socket, or a serial port")
+    baudrate: int = Field(default=9600, ge=300, le=1_000_000, description="on a serial port (8N1)")
+    terminator: Literal["lf", "crlf", "cr"] = Field(default="lf", description="ends commands and answers")
+    answer_ms: float = Field(default=2000.0, ge=10, le=60_000, description="longest wait for one answer")
+    model: str | None = Field(default=None, min_length=1, description="in its *IDN?; another one is refused")
+    setup: tuple[ScpiText, ...] = Field(default=(), description="sent after opening, such as SYST:REM")
+    close_channels: ScpiText = Field(default="ROUT:CLOS (@{channels})", description="of its scanner")
+    open_channels: ScpiText = Field(default="ROUT:OPEN:ALL", description="of its scanner")
+    channels: dict[str, Annotated[int, Field(ge=0)]] = Field(
+        default={}, description="scanner channel of each net's pin of the harness"
+    )
+    contact_channel: int | None = Field(
+        default=None, ge=0, description="scanner channel of the needle's second wire, by which contact is proved"
+    )
+    ground_net: str | None = Field(
+        default=None, min_length=1, description="net against which voltage, diode and capacitance are measured"
+    )
+    methods: dict[Method, MeterMethodSection] = Field(default={}, description="what differs from the methods' own")
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        parse_address(self.address)
+        if "{channels}" not in self.close_channels:
+            raise ValueError("close_channels has no {channels}: it is where their numbers go")
+        for method, given in self.methods.items():
+            function = given.function_of(method)
+            if given.nplc is not None and function in WITHOUT_NPLC:
+                raise ValueError(f"methods.{method.value}: {function.value} has no nplc")
+            if given.range is not None and function in WITHOUT_RANGE:
+                raise ValueError(f"methods.{method.value}: {function.value} has no range")
         return self
 
 
@@ -362,77 +546,45 @@ class Config(Section):
     bus: dict[str, BusSection] = Field(min_length=1)
     axes: AxesSection
     gantry: GantrySection
+    clearance: ClearanceSection | None = None
     lights: LightsSection
     camera: CameraSection
     head: HeadSection
     board: BoardSection
     control_point: ControlPointSection | None = None
+    meter: MeterSection | None = None
+    touch: TouchSection = TouchSection()
+    sense: SenseSection = SenseSection()
+    ladder: LadderSection = LadderSection()
+    reference: ReferenceSection | None = None
+    brush: BrushSection | None = None
+    pin: PinSection = PinSection()
     servo: ServoSection = ServoSection()
     api: ApiSection = ApiSection()
     metrics: MetricsSection = MetricsSection()
     maintenance: MaintenanceSection = MaintenanceSection()
-
-    @model_validator(mode="after")
-    def _across(self) -> Self:
-        for name in ("x", "y", "z", "theta"):
-            bus = getattr(self.axes, name).bus
-            if bus not in self.bus:
-                raise ValueError(f"axes.{name}.bus names {bus!r}, which is not under [bus]")
-        if self.lights.kind == "modbus" and self.lights.bus not in self.bus:
-            raise ValueError(f"lights.bus names {self.lights.bus!r}, which is not under [bus]")
-        for (bus, address), users in self._addresses().items():
-            if len(users) > 1:
-                raise ValueError(f"{' and '.join(users)} have the same address {address} on bus {bus!r}")
-        for watch in self.maintenance.off:
-            if not is_known(watch, self.bus):
-                raise ValueError(f"maintenance.off names {watch!r}, which is no watch; `reprobe health` lists them")
-        z = self.axes.z
-        heights = {name: getattr(self.gantry, name) for name in ("safe_z_um", "work_z_um", "touch_z_um")}
-        heights["touch_z_um - press_um"] = self.gantry.touch_z_um - self.gantry.press_um
-        for name, height in heights.items():
-            if not z.minimum <= height <= z.maximum:
-                raise ValueError(f"gantry.{name} = {height} lies outside axes.z {z.minimum}..{z.maximum}")
-        return self
 
     @property
     def lowest_z_um(self) -> float:
         """The lowest that Z is ever sent: the axis' own minimum, or the floor where that is higher."""
         return max(self.axes.z.minimum, self.gantry.floor_z_um)
 
-    def _addresses(self) -> dict[tuple[str, int], list[str]]:
-        """Return who has which address on which line."""
-        users: dict[tuple[str, int], list[str]] = {}
-        for name in ("x", "y", "z", "theta"):
-            axis = getattr(self.axes, name)
-            users.setdefault((axis.bus, axis.address), []).append(f"axes.{name}")
-        if self.lights.kind == "modbus" and self.lights.bus is not None:
-            users.setdefault((self.lights.bus, self.lights.address), []).append("lights")
-        return users
+    @property
+    def press_um(self) -> float:
+        """How far a touch for a measurement pushes the pin in, where its request says nothing."""
+        return self.touch.overtravel_um if self.touch.overtravel_um is not None else self.gantry.overtravel_um
 
 
 def load_config(path: Path) -> Config:
     """Read and check a configuration; raise `ConfigError` naming every problem."""
-    try:
-        text = read_small(path, MOST_BYTES).decode()
-        if any(len(line) > LONGEST_LINE for line in text.splitlines()):
-            raise ConfigError(path, [("(file)", f"it has a line of more than {LONGEST_LINE} letters")])
-        raw = tomllib.loads(text)
-    except OSError as exc:
-        raise ConfigError(
-            path, [("(file)", f"cannot be read: {exc.strerror}; give the path of a station.toml")]
-        ) from exc
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as exc:
-        raise ConfigError(path, [("(file)", f"is not TOML: {exc}")]) from exc
-    except RecursionError:
-        # Its thousand frames say nothing; they are let go of here.
-        raise ConfigError(path, [("(file)", "its tables and lists are nested too deeply")]) from None
-    try:
-        config = Config.model_validate(raw)
-    except ValidationError as exc:
-        problems = [(".".join(str(p) for p in e["loc"]) or "(cross-check)", e["msg"]) for e in exc.errors()]
-        raise ConfigError(path, problems) from exc
+    config = read_checked(path, Config)
     _require_own(path, strict=config.api.curve)
-    return _resolved(config, path.resolve().parent)
+    return resolved(config, path.resolve().parent)
+
+
+def unlikely(path: Path) -> Unlikely:
+    """Return what a configuration has that is possible and hardly meant."""
+    return read_unlikely(path, Config)
 
 
 def _require_own(path: Path, *, strict: bool) -> None:
@@ -441,11 +593,3 @@ def _require_own(path: Path, *, strict: bool) -> None:
     if mode & (stat.S_IWOTH | (stat.S_IWGRP if strict else 0)):
         problem = f"can be changed by others (mode {stat.S_IMODE(mode):04o}); chmod go-w it"
         raise ConfigError(path, [("(file)", problem)])
-
-
-def _resolved(config: Config, base: Path) -> Config:
-    """Make relative paths relative to the configuration file, not to where the daemon is started."""
-    station = config.station.model_copy(update={"data_dir": base / config.station.data_dir})
-    board = config.board.model_copy(update={"file": base / config.board.file})
-    api = config.api.model_copy(update={"keys_dir": base / config.api.keys_dir})
-    return config.model_copy(update={"station": station, "board": board, "api": api})

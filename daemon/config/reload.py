@@ -26,12 +26,21 @@ LIVE = frozenset(
         "api.rate_burst",
         "api.rate_per_s",
         "board",
+        "brush",
         "control_point",
         "head",
+        "ladder",
         "maintenance",
+        "meter.channels",
+        "meter.contact_channel",
+        "meter.ground_net",
+        "pin",
+        "reference",
         "servo",
+        "station.needle",
         "station.pictures",
         "station.pictures_quota_mb",
+        "touch",
     }
 )
 """What a running daemon takes over; all else was given to a device, a socket or a file when it was opened."""
@@ -139,7 +148,7 @@ class Reloader:
             if self._path is not None:
                 return await asyncio.to_thread(read_change, self._path, self._current())
         except ConfigError as exc:
-            problems = exc.problems
+            problems = exc.placed()
         except Exception as exc:  # a file that cannot be read never ends a daemon that works well without it
             log.exception("configuration_not_read", path=str(self._path))
             problems = [("(file)", f"reading it failed: {type(exc).__name__}: {exc}"[:300])]

@@ -10,6 +10,7 @@ from typing import Final
 
 GROUPS: Final = (
     "placement", "corrections", "tip", "light", "camera", "axes", "bus", "calibration", "probe", "daemon",
+    "contact",
 )  # fmt: skip
 AXES: Final = ("x", "y", "z", "theta")
 SECTOR_DEG: Final = 45
@@ -20,7 +21,9 @@ _SINGLE: Final = (
     "tip_contrast", "tip_bend", "tip_x", "tip_y", "light_white", "light_red", "focus", "noise",
     "frames_missed", "frames", "stop_scatter", "more_moves", "calibration_age", "head_total_error",
     "head_closure", "backlash_x", "backlash_y", "surface", "probe_life", "pictures_not_kept",
-    "journal_moved_aside", "journal_not_written",
+    "journal_moved_aside", "journal_not_written", "needle_down", "not_served", "clock_behind",
+    "first_touch_misses", "contact_not_made", "recovered_by_look", "recovered_by_pump", "recovered_by_reference",
+    "recovered_by_site", "reference_ohms",
 )  # fmt: skip
 _EACH_BUS: Final = ("bus_timeouts", "bus_garbled")
 _EACH_AXIS: Final = ("arrival", "following", "drive")

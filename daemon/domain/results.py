@@ -7,6 +7,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field
 
 from daemon.domain.errors import Fault
+from daemon.domain.no_paths import without_paths
 
 
 class Told(BaseModel):
@@ -20,7 +21,7 @@ class ErrorBody(Told):
 
     code: int
     name: str
-    message: str
+    message: str = Field(description="in a sentence, without file paths; the facts stand in `detail`")
     advice: str
     detail: dict[str, Any] = {}
 
@@ -31,8 +32,8 @@ class ErrorBody(Told):
         return cls(
             code=fault.kind.code,
             name=fault.kind.wire_name,
-            message=fault.message,
-            advice=fault.advice,
+            message=without_paths(fault.message),
+            advice=without_paths(fault.advice),
             detail=detail,
         )
 

@@ -20,3 +20,5 @@ class Caller(NamedTuple):
     client: str
     """Name of its key; without CURVE, its connection. Queue and rate are shared out by it."""
     role: Role
+    key: str = ""
+    """Name of its key; empty without CURVE, where nobody can be told from another."""

@@ -17,19 +17,24 @@ from typing import Literal
 import cv2
 import structlog
 
+from daemon.domain.point_test import PointRecord, PointVerdict
 from daemon.domain.results import JobResult
-from daemon.jobs.context import JobContext
+from daemon.jobs.context import JobContext, PointLooks
+from daemon.platform.plain_file import read_small
+from daemon.station.board_view import BoardSeen
 from daemon.station.station import LookResult
 from daemon.wire.operations.jobs import AnyJob, Look
 from drivers.camera.contract import Pixels
 from vision import Tip
-from vision.annotate import draw_control_point, draw_test_points, draw_tip
+from vision.annotate import BoardLook, draw_board, draw_control_point, draw_landing, draw_test_points, draw_tip
 
 log = structlog.get_logger(__name__)
 JPEG_QUALITY = 92
 LONGEST_NAME = 64
 NUMBERS = "result.json"
-OWN = re.compile(r"result\.json|(before|after)-(white|red|tip|cross|pads)\.jpg")
+MOST_NUMBERS_BYTES = 16_000_000
+LOOKS, KINDS = ("before", "after"), ("white", "red", "tip", "cross", "pads", "board", "landing")
+OWN = re.compile(rf"result\.json|({'|'.join(LOOKS)})-({'|'.join(KINDS)})\.jpg")
 """Names of the files in a job's folder."""
 
 
@@ -54,16 +59,51 @@ class ImageArchive:
             return self._folder / _folder_name(request.id)
         return None
 
+    def folder_for_point(self, job_id: str, record: PointRecord) -> Path | None:
+        """Return where the pictures of one point of a job go, or None if they are not wanted, or there are none."""
+        failed = record.verdict is not PointVerdict.PASS_FIRST
+        wanted = record.looks > 0 and (self._which == "all" or (self._which == "failed" and failed))
+        return self._folder / _folder_name(point_pictures_id(job_id, record.point)) if wanted else None
+
     async def keep(self, folder: Path, job: JobContext, result: JobResult) -> None:
         """Write the pictures, then drop the oldest folders beyond the quota; a full disk only stops the keeping."""
         looks = {"before": job.first_look, "after": job.last_look if job.looks > 1 else None}
+        await self._keep(folder, looks, result.model_dump_json(indent=1))
+
+    async def keep_point(self, folder: Path, job_id: str, looks: PointLooks, record: PointRecord) -> None:
+        """Write the pictures of one point, as those of a job."""
+        numbers = {"id": point_pictures_id(job_id, record.point), **record.model_dump(mode="json")}
+        before, after = looks
+        await self._keep(folder, {"before": before, "after": after}, json.dumps(numbers, indent=1))
+
+    async def _keep(self, folder: Path, looks: dict[str, LookResult | None], numbers: str) -> None:
         wanted = {name: look for name, look in looks.items() if look is not None}
         try:
-            await asyncio.to_thread(self._write, folder, wanted, result.model_dump_json(indent=1))
+            await asyncio.to_thread(self._write, folder, wanted, numbers)
             self.full = None
         except OSError as exc:
             self.full = f"{exc.strerror}: {folder}"
             log.error("pictures_not_kept", folder=str(folder), error=str(exc))
+
+    async def hashes_of(self, job_id: str) -> dict[str, str]:
+        """Return which pictures of a job are kept, such as `before-white`, each with its file's SHA-256, hexadecimal.
+
+        None are of a job that is unknown.
+        """
+
+        def read() -> dict[str, str]:
+            folder = self._folder / _folder_name(job_id)
+            found = {which: _read_plain(folder, f"{which}.jpg") for which in _kept(folder)}
+            return {which: hashlib.sha256(jpeg).hexdigest() for which, jpeg in found.items() if jpeg is not None}
+
+        return await asyncio.to_thread(read)
+
+    async def picture(self, job_id: str, which: str) -> bytes | None:
+        """Return one kept picture, JPEG; None if there is none of that name."""
+        name = f"{which}.jpg"
+        if not OWN.fullmatch(name):
+            return None
+        return await asyncio.to_thread(_read_plain, self._folder / _folder_name(job_id), name)
 
     def _write(self, folder: Path, looks: dict[str, LookResult], numbers: str) -> None:
         folder.mkdir(parents=True, exist_ok=True)
@@ -98,6 +138,31 @@ def _own_files(folder: Path) -> list[Path]:
     return [file for file in folder.iterdir() if OWN.fullmatch(file.name) and _is_plain(file)]
 
 
+def _kept(folder: Path) -> list[str]:
+    """Return the pictures in a job's folder, before first, as they were taken."""
+    try:
+        found = {file.stem for file in _own_files(folder)} if not folder.is_symlink() else set()
+    except OSError:
+        return []
+    return [f"{look}-{kind}" for look in LOOKS for kind in KINDS if f"{look}-{kind}" in found]
+
+
+def _read_plain(folder: Path, name: str) -> bytes | None:
+    """Read a file of a folder; neither of them may be a link."""
+    try:
+        at = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    except OSError:
+        return None
+    flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+    try:
+        with os.fdopen(os.open(name, flags, dir_fd=at), "rb") as opened:
+            return opened.read() if stat.S_ISREG(os.fstat(opened.fileno()).st_mode) else None
+    except OSError:
+        return None
+    finally:
+        os.close(at)
+
+
 def _is_plain(file: Path) -> bool:
     """Tell whether it is a file, and no link to one."""
     try:
@@ -109,9 +174,9 @@ def _is_plain(file: Path) -> bool:
 def _is_own(folder: Path) -> bool:
     """Tell whether the daemon made a folder: its numbers are those of the job after which it is named."""
     try:
-        facts = json.loads((folder / NUMBERS).read_bytes())
+        facts = json.loads(read_small(folder / NUMBERS, MOST_NUMBERS_BYTES))
         return _folder_name(str(facts["id"])) == folder.name
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return False
 
 
@@ -124,8 +189,8 @@ def _remove(folder: Path) -> None:
 
 
 def _write_plain(file: Path, data: bytes) -> None:
-    """Write a file; a link in its place is not followed: OSError."""
-    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC
+    """Write a file; a link in its place is not followed, and a pipe not waited for: OSError."""
+    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
     with os.fdopen(os.open(file, flags, 0o644), "wb") as opened:
         opened.write(data)
 
@@ -137,11 +202,28 @@ def _sheets(look: LookResult) -> Iterator[tuple[str, Pixels]]:
         yield "red", look.red.pixels
     if look.tip is not None:
         yield "tip", draw_tip(look.white.pixels, look.tip, near_px=look.expected_tip_px)
+    if look.landing is not None:
+        yield "landing", draw_landing(look.white.pixels, look.landing)
     if isinstance(look.tip, Tip) and look.cross is not None:
         yield "cross", draw_control_point(look.white.pixels, look.cross, (look.tip.x_px, look.tip.y_px))
     if isinstance(look.tip, Tip) and look.red is not None and look.seen is not None:
         at = look.tip.x_px, look.tip.y_px
         yield "pads", draw_test_points(look.red.pixels, look.seen, at, needle=look.tip)
+    if look.red is not None and look.board is not None:
+        yield "board", _with_cad(look.red.pixels, look.board)
+
+
+def _with_cad(red: Pixels, seen: BoardSeen) -> Pixels:
+    """Draw CAD over the red frame."""
+    search = seen.search
+    about_um = search.reference.about_um
+    look = BoardLook(search.sides.here, about_um, seen.board_to_px, seen.found, search.target, seen.hidden_px)
+    return draw_board(red, look)
+
+
+def point_pictures_id(job_id: str, point: str) -> str:
+    """Return under which id the pictures of one point of a job are kept."""
+    return f"{job_id}.{point}"
 
 
 def _folder_name(job_id: str) -> str:

@@ -6,16 +6,22 @@ import asyncio
 from dataclasses import dataclass, field
 
 from daemon.domain.errors import Fault, FaultCode
+from daemon.domain.point_test import UNIT_OF_METHOD
 from daemon.domain.results import JobResult
 from daemon.domain.states import Lifecycle
 from daemon.jobs.context import JobContext, Outcome
 from daemon.jobs.fair_queue import FairQueue
+from daemon.jobs.held_touch import HeldTouch
 from daemon.jobs.preconditions import refuse_in_fault, refuse_other_request, refuse_unknown_point
 from daemon.jobs.surroundings import JobLimits, Surroundings
 from daemon.station.device_errors import as_fault
 from daemon.wire.deadline import due_at_s
-from daemon.wire.operations.jobs import AnyJob
+from daemon.wire.operations.jobs import AnyJob, Probe, Touch
+from daemon.wire.operations.row import DefaultDeadline
 from daemon.wire.operations.table import OPERATIONS
+
+RUN_WITHIN_S = 86_400.0
+"""A run is as long as its plan; each of its points has the time of a job."""
 
 
 @dataclass
@@ -27,6 +33,10 @@ class Ticket:
     due_s: float
     done: asyncio.Future[JobResult]
     client: str = ""
+    key: str = ""
+    """Name of the client's key; empty where nobody comes with one."""
+    touch: HeldTouch | None = field(default=None, repr=False)
+    """Of a job that touches, what `hold` and `lift` reach."""
     cancelled: bool = False
     task: asyncio.Task[Outcome] | None = field(default=None, repr=False)
     job: JobContext | None = field(default=None, repr=False)
@@ -58,7 +68,7 @@ class JobIntake:
         self.running = None
         self.open.pop(ticket.request.id, None)
 
-    async def submit(self, request: AnyJob, client: str = "") -> asyncio.Future[JobResult]:
+    async def submit(self, request: AnyJob, client: str = "", key: str = "") -> asyncio.Future[JobResult]:
         """Accept a job, or find the one that already has this id; raise `Fault` if it is refused.
 
         The jobs of different clients are run in turn.
@@ -71,13 +81,17 @@ class JobIntake:
             raise Fault(FaultCode.SHUTTING_DOWN)
         refuse_in_fault(self._latch.against(request.op))
         limits = self._with.limits()
-        lengthy = OPERATIONS.row(request.op).is_lengthy
-        due_s = due_at_s(request.deadline_ms, limits.calibration_timeout_s if lengthy else limits.job_timeout_s)
+        default_s = _within_s(OPERATIONS.row(request.op).deadline, limits)
+        touch = _held(request, key) if request.TOUCHES else None
+        due_s = due_at_s(request.deadline_ms, default_s + request.held_ms / 1e3)
         self._refuse_too_many(client, limits)
+        if request.ALONE and self.open:
+            raise Fault(FaultCode.BUSY, f"something runs or waits, and a {request.op} never does", advice="wait for it")
         context = self._with.context()
         if context is not None:
             refuse_unknown_point(request, context.board)
-        ticket = Ticket(request, canonical, due_s, asyncio.get_running_loop().create_future(), client)
+        done: asyncio.Future[JobResult] = asyncio.get_running_loop().create_future()
+        ticket = Ticket(request, canonical, due_s, done, client, key, touch)
         self.open[request.id] = ticket
         try:
             await self._journal.add_job(request.id, request.op, canonical)
@@ -117,6 +131,19 @@ class JobIntake:
             raise Fault(FaultCode.BUSY, f"{theirs} jobs of this client wait already", **limits)
         if len(self.open) >= allowed.queue_length + 1:
             raise Fault(FaultCode.BUSY, f"{len(self.open)} jobs are open", **limits)
+
+
+def _held(request: AnyJob, key: str) -> HeldTouch:
+    """Return what `hold` and `lift` reach of a job that touches."""
+    unit = UNIT_OF_METHOD[request.method] if isinstance(request, Probe) else None
+    return HeldTouch(request.id, key, judged=not isinstance(request, Touch), unit=unit)
+
+
+def _within_s(kind: DefaultDeadline, limits: JobLimits) -> float:
+    """Return how long a job may take whose request says nothing."""
+    if kind is DefaultDeadline.RUN:
+        return RUN_WITHIN_S
+    return limits.calibration_timeout_s if kind is DefaultDeadline.LENGTHY_JOB else limits.job_timeout_s
 
 
 def not_written(job_id: str) -> Fault:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Any, Protocol
 
+from daemon.domain.point_test import PointRecord
 from daemon.domain.results import JobResult
 from daemon.jobs.context import JobContext
 from daemon.wire.events import Topic
@@ -18,6 +19,9 @@ class JobObserver:
 
     def on_result(self, job: JobContext, result: JobResult) -> None:
         """Hear that a job was answered; its last look may still be measured."""
+
+    def on_point(self, record: PointRecord) -> None:
+        """Hear what came of a point."""
 
     def on_touches(self, touches: int) -> None:
         """Hear of touches from the tester."""

@@ -30,10 +30,15 @@ def refuse_with_needle_down(op: str, needle: Needle) -> None:
 
 
 def refuse_unknown_point(request: AnyJob, board: Board) -> None:
-    """Refuse a test point or fiducial that the board has not; what is to be corrected must be a target of the probe."""
+    """Refuse a test point or fiducial that the board has not; what is corrected or touched must be the probe's."""
     name = getattr(request, "test_point", None)
     if name is not None:
-        (board.point if request.op == "correct" else board.find)(name)
+        (board.point if request.FOR_NEEDLE else board.find)(name)
+    net = getattr(request, "net", None)
+    if net is not None and not board.of_net(net):
+        why = board.unserved.get(net)
+        known = f"cannot be probed: {why}" if why else "is not among those that can be probed"
+        raise Fault(FaultCode.UNKNOWN_TEST_POINT, f"net {net} {known}"[:300], net=net)
     for fiducial in getattr(request, "fiducials", None) or ():
         board.find(fiducial)
 

@@ -15,12 +15,16 @@ from typing import Any
 
 import structlog
 
+from daemon.domain.contact import ContactFacts
 from daemon.domain.errors import Fault, FaultCode
+from daemon.domain.point_test import PointRecord
 from daemon.domain.results import JobResult
 from daemon.domain.states import BUSY, Event, State
-from daemon.jobs.context import JobContext, Outcome, Procedure, StationContext
+from daemon.jobs.context import JobContext, KeptPoint, Outcome, PointLooks, Procedure, StationContext, Touching
 from daemon.jobs.ended import EndedJob
+from daemon.jobs.held_touch import HeldTouch
 from daemon.jobs.intake import JobIntake, Ticket, not_written, refuse
+from daemon.jobs.over_point import keep_stand
 from daemon.jobs.preconditions import (
     refuse_in_fault,
     refuse_with_needle_down,
@@ -50,9 +54,12 @@ class JobRunner:
         self._unwritten: dict[str, EndedJob] = {}
         """Jobs that have ended and whose results nobody was told, for they could not be written."""
 
-    async def submit(self, request: AnyJob, client: str = "") -> asyncio.Future[JobResult]:
-        """Accept a job, or find the one that already has this id; raise `Fault` if it is refused."""
-        return await self._intake.submit(request, client)
+    async def submit(self, request: AnyJob, client: str = "", key: str = "") -> asyncio.Future[JobResult]:
+        """Accept a job, or find the one that already has this id; raise `Fault` if it is refused.
+
+        `client` has its share of the queue; `key` is the name of its key, by which it is known again, empty without.
+        """
+        return await self._intake.submit(request, client, key)
 
     # --- running ---------------------------------------------------------------------------------------------
 
@@ -110,7 +117,17 @@ class JobRunner:
 
     def _job_context(self, ticket: Ticket) -> JobContext:
         keep_step, tell = self._keep_step(ticket.request.id), self._tell_progress(ticket.request)
-        return JobContext(ticket.request, Deadline(ticket.due_s), self._latch.fire, keep_step, tell)
+        touching = None
+        if ticket.touch is not None:
+            touching = Touching(
+                ticket.touch, ticket.key, self._journal, partial(self._tell_contact, "made"),
+                partial(self._tell_contact, "lifted"), partial(self._keep_point, ticket),
+                partial(self._tell_point, ticket), self._journal.runs,
+            )  # fmt: skip
+        return JobContext(
+            ticket.request, Deadline(ticket.due_s), self._latch.fire, keep_step, tell, touching,
+            mark_of=self._journal.mark_of,
+        )  # fmt: skip
 
     async def refuse_waiting(self) -> None:
         """Answer the jobs that never began because the daemon stops; `run` must be over."""
@@ -129,7 +146,8 @@ class JobRunner:
                 raise Fault(FaultCode.CANCELLED, "cancelled before it began")
             context = self._admit(ticket)
             job.watch.enter(State.TRIGGERED.value)
-            return await self._procedure(ticket, job, context)
+            procedure = self._procedure(ticket, job, context)
+            return await keep_stand(ticket.request, ticket.key, context.station.needle, procedure)
         except asyncio.CancelledError:
             end = Event.CANCELLED
             raise
@@ -142,6 +160,7 @@ class JobRunner:
             try:
                 await self._make_safe(job, met, unsafe)
             finally:
+                self._end_contact(ticket)
                 # The job's own trouble came first; what failed after it is usually its consequence.
                 self._latch.end(end, *self._latched_by(met), *unsafe, passing=met)
 
@@ -210,7 +229,7 @@ class JobRunner:
 
     def _ending(self, fault: Fault) -> Event:
         """Return the event that ends a job which met `fault` in the present state."""
-        if fault.kind in (FaultCode.CANCELLED, FaultCode.DEADLINE_MISSED):
+        if fault.kind in (FaultCode.CANCELLED, FaultCode.DEADLINE_MISSED, FaultCode.LEASE_EXPIRED):
             return Event.CANCELLED
         if self._latch.state is State.TRIGGERED and not fault.kind.latched:
             return Event.REFUSED
@@ -264,7 +283,7 @@ class JobRunner:
 
     def _hold_back(self, ended: EndedJob, ticket: Ticket, disk: Fault) -> None:
         """Keep a result until it can be written; those who wait for it are told to ask again."""
-        ended.job.first_look = ended.job.last_look = None  # their pictures are 24 MB
+        ended.job.forget_looks()  # their pictures are 24 MB
         self._unwritten[ended.request.id] = ended
         self._latch.latch(disk)
         self._let_go(ticket)
@@ -308,6 +327,32 @@ class JobRunner:
 
         return tell
 
+    def _tell_contact(self, change: str, contact: ContactFacts) -> None:
+        """Publish that the needle stands, or stands no longer."""
+        body = contact.model_dump(exclude={"id", "since"})
+        self._with.publisher.publish("contact", {"change": change, "job": contact.id, **body})
+
+    def _keep_point(self, ticket: Ticket, record: PointRecord, looks: PointLooks) -> KeptPoint:
+        """Return the record with the folder of its pictures, and what writes them."""
+        images, job_id = self._with.images, ticket.request.id
+        folder = images.folder_for_point(job_id, record)
+        if folder is None:
+            return record, None
+        kept = record.model_copy(update={"pictures": str(folder)})
+        return kept, images.keep_point(folder, job_id, looks, kept)
+
+    def _tell_point(self, ticket: Ticket, record: PointRecord) -> None:
+        """Publish what came of a point."""
+        self._with.observer.on_point(record)
+        self._with.publisher.publish("point", {"job": ticket.request.id, **record.model_dump(mode="json")})
+
+    def _end_contact(self, ticket: Ticket) -> None:
+        """Have no touch held any more, whatever ended it; that the needle was lifted is told only where it was."""
+        stood = ticket.touch.end() if ticket.touch is not None else None
+        context = self._with.context()
+        if stood is not None and context is not None and context.station.needle.is_up:
+            self._tell_contact("lifted", stood)
+
     # --- steering --------------------------------------------------------------------------------------------
 
     @property
@@ -325,6 +370,37 @@ class JobRunner:
     def queued(self) -> int:
         """How many jobs wait."""
         return self._intake.queued
+
+    def touch(self, job_id: str) -> HeldTouch | None:
+        """Return the open touch of this id."""
+        ticket = self._intake.open.get(job_id)
+        return ticket.touch if ticket is not None else None
+
+    def result_of(self, job_id: str) -> asyncio.Future[JobResult] | None:
+        """Return where the result of an open job will be."""
+        ticket = self._intake.open.get(job_id)
+        return ticket.done if ticket is not None else None
+
+    @property
+    def contact(self) -> ContactFacts | None:
+        """The touch by which the needle is held down; None from when it is to be lifted."""
+        ticket = self._intake.running
+        return ticket.touch.contact if ticket is not None and ticket.touch is not None else None
+
+    def pause(self, job_id: str | None) -> str:
+        """Have a run end after the point under test; return its id. Raise `Fault` where no such run is under way."""
+        ticket = self._intake.running
+        if (
+            ticket is None
+            or ticket.job is None
+            or ticket.request.op != "run"
+            or job_id not in (None, ticket.request.id)
+        ):
+            raise Fault(
+                FaultCode.UNKNOWN_JOB, "no such run is under way" if job_id else "no run is under way", id=job_id
+            )
+        ticket.job.pausing = True
+        return ticket.request.id
 
     def cancel(self, job_id: str | None) -> str:
         """Stop a job, or the running one; return its id."""

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from typing import Literal
 
-Holder = Literal["job", "archive", "reset", "reload", "health check"]
+Holder = Literal["job", "archive", "reset", "reload", "health check", "stop", "lamp"]
+WORKS: frozenset[Holder] = frozenset({"job", "reset", "reload", "stop"})
+"""Who changes what a person has switched on."""
 
 
 class StationLock:
@@ -17,6 +19,8 @@ class StationLock:
         self._lock = asyncio.Lock()
         self._holder: Holder | None = None
         self._turns = 0
+        self.leave: Callable[[], Awaitable[None]] | None = None
+        """Undoes what a person has switched on; called for who works with the station, before anything else."""
 
     @property
     def holder(self) -> Holder | None:
@@ -44,6 +48,8 @@ class StationLock:
         self._holder = holder
         self._turns += 1
         try:
+            if self.leave is not None and holder in WORKS:
+                await self.leave()
             yield
         finally:
             self._holder = None

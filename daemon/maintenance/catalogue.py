@@ -167,8 +167,38 @@ _LIMITS: Final = (
          "keep the file named for whoever looks after the daemon; acknowledge this when it is safe", (), 0),
     Spec("journal_not_written", "daemon", "the journal cannot be written, and no job is taken", "", None,
          "free disk space; a journal that was deleted or is damaged needs `reset`", (), 0),
+    Spec("needle_down", "daemon", "the needle is not known to be up, and may press on a board", "", None,
+         "see that it may be raised, then `reprobe lift`; where the axes are not homed, `reprobe home`", (), 0),
+    Spec("not_served", "daemon", "events, live pictures or metrics are not served, for their address cannot be had", "",
+         None, "free the address that is named: it is tried again every minute; or choose another, then restart the"
+         " daemon", (), 0),
+    Spec("clock_behind", "daemon", "the computer's clock is behind: ages and dates of results are wrong", "", None,
+         "set the clock (`timedatectl set-time`, or a time server), then restart the daemon; a computer whose clock has"
+         " no battery needs a network that tells the time", (), 0),
 )  # fmt: skip
-_SINGLE: Final = (*_PLACEMENT, _CORRECTIONS, *_FAILURES, *_TIP, *_LIGHT, *_CAMERA, *_STOPS, *_LIMITS)
+_POINTS = ShareSettings(block=25, windows=(2, 4, 8, 16, 32, 64), least=500, most=5000, times=1.5, absolute=0.02,
+                       ceiling=0.3, clump=4.0)  # fmt: skip
+"""Points of one board hang together: it lies askew, or its pads are oxidised."""
+_RUNG = replace(_POINTS, least=1000, times=2.0, absolute=0.01, ceiling=0.2)
+_CONTACT: Final = (
+    Spec("first_touch_misses", "contact", "the share of points that do not pass at the first touch (1 - yield)",
+         "of points", _POINTS, "see which rung recovers them: look, pump or reference pad; then mend that cause",
+         ("probe",), 4),
+    Spec("contact_not_made", "contact", "the share of points at which no contact could be proved", "of points", _RUNG,
+         "clean or replace the needle; look at the kept pictures of these pads", ("probe",), 4),
+    Spec("recovered_by_look", "contact", "the share of points whose first touch missed the pad", "of points", _RUNG,
+         "see which placement alert stands; if none, calibrate rotation and map again", LEARNED, 4),
+    Spec("recovered_by_pump", "contact", "the share of points that read well only after more presses (films)",
+         "of points", _RUNG, "clean the boards; a blunt needle breaks no film: replace it", ("probe",), 4),
+    Spec("recovered_by_reference", "contact", "the share of points that read well only after the needle was brushed",
+         "of points", _RUNG, _NEEDLE, ("probe",), 4),
+    Spec("recovered_by_site", "contact", "the share of points that read well only at a second place of the pad",
+         "of points", _RUNG, "clean the boards: look for flux on the pads", ("probe",), 4),
+    Spec("reference_ohms", "contact", "what the needle reads on the reference pad", "ohm",
+         ChartSettings(side="high", floor=0.05), f"brush the needle and clean the reference pad; {_NEEDLE}",
+         ("probe",), 3),
+)  # fmt: skip
+_SINGLE: Final = (*_PLACEMENT, _CORRECTIONS, *_FAILURES, *_TIP, *_LIGHT, *_CAMERA, *_STOPS, *_LIMITS, *_CONTACT)
 
 
 def all_specs(buses: Iterable[str]) -> Iterator[Spec]:

@@ -19,19 +19,21 @@ import structlog
 from daemon.config.current import CurrentSettings
 from daemon.config.model import Config
 from daemon.domain.errors import Fault, FaultCode
+from daemon.domain.point_test import PointRecord
 from daemon.domain.results import JobResult
 from daemon.jobs.context import JobContext
 from daemon.jobs.observer import JobObserver, Publisher
 from daemon.maintenance.alerts import ActiveAlerts, Alert, AlertNews
 from daemon.maintenance.calibration_signals import Learned
 from daemon.maintenance.catalogue import chosen
+from daemon.maintenance.contact_signals import Contacts
 from daemon.maintenance.device_signals import Devices
 from daemon.maintenance.image_metrics import measure_pictures
 from daemon.maintenance.overview import is_flag, overview
 from daemon.maintenance.panel import Panel, Row
 from daemon.maintenance.signals import Landings, Numbers, Step, of_ending, of_looks
 from daemon.maintenance.types import Finding
-from daemon.platform.clock import utc_now
+from daemon.platform.clock import clock_behind, utc_now
 from daemon.station.devices import Hardware
 from daemon.station.station import LookResult
 from daemon.storage.calibration_store import Calibrations
@@ -64,6 +66,11 @@ class _Reported:
 
 
 @dataclass(frozen=True)
+class _Tested:
+    record: PointRecord
+
+
+@dataclass(frozen=True)
 class _Flagged:
     name: str
     message: str | None
@@ -88,7 +95,8 @@ class Monitor(JobObserver):
         self._landings = Landings(settings.config.head.phase_deg)
         self._learned = Learned(calibrations)
         self._devices = Devices()
-        self._queue: asyncio.Queue[_Ended | _Reported | _Flagged] = asyncio.Queue(QUEUE)
+        self._contacts = Contacts()
+        self._queue: asyncio.Queue[_Ended | _Reported | _Tested | _Flagged] = asyncio.Queue(QUEUE)
         self._steps: dict[str, list[Step]] = {}
         self._touches = 0
         self._corrections = self._reported = 0
@@ -102,6 +110,7 @@ class Monitor(JobObserver):
 
     def on_step(self, job_id: str, kind: str, body: Mapping[str, Any]) -> None:
         """Remember a step until its job ends."""
+        self._contacts.add_step(body)
         if job_id not in self._steps:
             self._steps = {job_id: []}  # one job runs at a time: what another left behind is over
         if len(self._steps[job_id]) < STEPS_KEPT:
@@ -114,6 +123,10 @@ class Monitor(JobObserver):
             # Pictures are large: those of a job that has to wait for its turn are not measured.
             look = job.last_look if self._queue.empty() else None
             self._hand_in(_Ended(result, steps, look))
+
+    def on_point(self, record: PointRecord) -> None:
+        """Take in what came of a point."""
+        self._hand_in(_Tested(record))
 
     def on_touches(self, touches: int) -> None:
         """Take touches in."""
@@ -128,7 +141,7 @@ class Monitor(JobObserver):
         """Take the daemon's own trouble in."""
         self._hand_in(_Flagged(name, message))
 
-    def _hand_in(self, item: _Ended | _Reported | _Flagged) -> None:
+    def _hand_in(self, item: _Ended | _Reported | _Tested | _Flagged) -> None:
         try:
             self._queue.put_nowait(item)
         except asyncio.QueueFull:
@@ -169,6 +182,8 @@ class Monitor(JobObserver):
         self._loaded = True
         if self._journal.moved_to is not None:
             self.on_flag("journal_moved_aside", f"{self._journal.moved_because}; it lies at {self._journal.moved_to}")
+        last = await self._journal.last_result()
+        self.on_flag("clock_behind", clock_behind(utc_now(), last.finished_at if last is not None else ""))
 
     def _feed_again(self, at: str, touches: int, job: str, body: dict[str, Any]) -> None:
         """Feed a row that was measured after what was learned had been kept."""
@@ -191,7 +206,7 @@ class Monitor(JobObserver):
     async def run(self) -> None:
         """Judge until cancelled; nothing that goes wrong here ends the daemon."""
         while True:
-            item: _Ended | _Reported | _Flagged | None = None
+            item: _Ended | _Reported | _Tested | _Flagged | None = None
             try:
                 async with asyncio.timeout(self._settings.config.maintenance.check_s):
                     item = await self._queue.get()
@@ -207,7 +222,7 @@ class Monitor(JobObserver):
                 if item is not None:
                     self._queue.task_done()
 
-    async def _take(self, item: _Ended | _Reported | _Flagged | None) -> None:
+    async def _take(self, item: _Ended | _Reported | _Tested | _Flagged | None) -> None:
         match item:
             case _Flagged():
                 async with self._turn:
@@ -217,11 +232,16 @@ class Monitor(JobObserver):
                 self._reported += item.touches if item.by_tester else 0
                 if self._reported >= TOUCHES_A_ROW:
                     await self._judge("", self._share(), devices=False)
+            case _Tested():
+                self._contacts.add(item.record)
+                if self._contacts.is_due:
+                    await self._judge("", self._contacts.take(), devices=False)
             case _Ended():
                 self._corrections += 1
                 await self._judge(item.result.id, await self._numbers(item), devices=True)
             case None:
-                await self._judge("", self._share() if self._reported else {}, devices=True)
+                numbers = self._contacts.take() | (self._share() if self._reported else {})
+                await self._judge("", numbers, devices=True)
                 await self.save()
 
     def _share(self) -> Numbers:
@@ -297,6 +317,8 @@ class Monitor(JobObserver):
                 item = self._queue.get_nowait()
                 self._queue.task_done()
                 await self._take(replace(item, look=None) if isinstance(item, _Ended) else item)
+            if self._contacts.points:
+                await self._judge("", self._contacts.take(), devices=False)
             await self.save()
         except Fault as exc:
             log.warning("maintenance_not_kept", error=exc.message)

@@ -8,30 +8,38 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+_BESIDE = ".new-"
 
-def replace_whole(path: Path, write: Callable[[Path], object]) -> None:
+
+FOR_THE_GROUP = 0o640
+"""Mode of what the station keeps: people of the daemon's group read it."""
+
+
+def replace_whole(path: Path, write: Callable[[Path], object], mode: int | None = None) -> None:
     """Let `write` fill a new file, then put it in the place of `path`, flushed to disk.
 
-    Folders that are missing are made. Raises what `write` raises and OSError; `path` is then as it was, unless the
-    folder alone could not be flushed.
+    Without a mode it is its owner's alone, unless `write` says otherwise. Missing folders are made. Raises what
+    `write` raises and OSError; `path` is then as it was, unless the folder alone could not be flushed.
     """
-    with written_beside(path, write) as beside:
+    with written_beside(path, write, mode) as beside:
         beside.replace(path)
         flush_folder(path.parent)
 
 
 @contextmanager
-def written_beside(path: Path, write: Callable[[Path], object]) -> Iterator[Path]:
+def written_beside(path: Path, write: Callable[[Path], object], mode: int | None = None) -> Iterator[Path]:
     """Give a new file in the folder of `path`, filled by `write` and flushed to disk, for the block to move.
 
     What the block has not moved is removed at its end.
     """
     make_folder(path.parent)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=".new-", suffix=path.suffix)
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=_BESIDE, suffix=path.suffix)
     beside = Path(name)
     try:
         os.close(handle)
         write(beside)
+        if mode is not None:
+            beside.chmod(mode)
         with beside.open("rb") as file:
             os.fsync(file.fileno())
         yield beside
@@ -39,6 +47,17 @@ def written_beside(path: Path, write: Callable[[Path], object]) -> Iterator[Path
         # A leftover takes a little room; that it stays must not hide how the writing ended.
         with suppress(OSError):
             beside.unlink(missing_ok=True)
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Remove what a process that was killed had begun to write in a folder and those below, by nobody else's hand.
+
+    Only for a folder in which no other process writes. What cannot be removed stays: it is only in the way.
+    """
+    for leftover in folder.rglob(f"{_BESIDE}*"):
+        if leftover.is_file() or leftover.is_symlink():
+            with suppress(OSError):
+                leftover.unlink()
 
 
 def make_folder(folder: Path) -> None:

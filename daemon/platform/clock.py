@@ -6,7 +6,7 @@ import time
 from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 
 WAITS = ("motion", "bus", "light", "exposure")
 """What a job waits for and cannot hurry; the rest of its time is software."""
@@ -15,6 +15,23 @@ WAITS = ("motion", "bus", "light", "exposure")
 def utc_now() -> str:
     """Return the present moment as ISO 8601 in UTC."""
     return datetime.now(UTC).isoformat(timespec="milliseconds")
+
+
+EARLIEST = "2025-01-01"
+"""No station's clock can rightly stand before this: the program is younger."""
+BEHIND = timedelta(minutes=10)
+
+
+def clock_behind(now: str, last: str) -> str | None:
+    """Return why the clock must be behind, None if nothing says so; times as of `utc_now`, `last` of what is kept.
+
+    A computer without a battery for its clock comes up years behind, until the network tells it the time.
+    """
+    if now < EARLIEST:
+        return f"it says {now[:16]} UTC, and this program is younger"
+    if last and datetime.fromisoformat(now) + BEHIND < datetime.fromisoformat(last):
+        return f"it says {now[:16]} UTC, and the last result was written at {last[:16]} UTC"
+    return None
 
 
 class Stopwatch:

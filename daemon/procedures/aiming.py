@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from daemon.domain.board import BoardPoint
 from daemon.domain.errors import Fault, FaultCode
 from daemon.jobs.context import JobContext, StationContext
+from daemon.procedures.look_numbers import describe, landing_of, sight_of
+from daemon.procedures.registered import Registered, believe, board_search, look_by_cad
+from daemon.procedures.registration_faults import unusable_frame
 from daemon.station.station import LookResult, Search
 from drivers.gantry import Position
 from vision import NotFound, Reason, TestPoint, Tip
 from vision.geometry import Array, ConstellationMatch, Correction, PoseMap, match_near, match_target
 from vision.pads import probe_hides
+from vision.registration import Registration
 
 UNUSABLE = frozenset({Reason.TOO_DARK, Reason.SATURATED, Reason.BLURRED, Reason.OUT_OF_FRAME})
 STILL_UM = 45.0
@@ -24,11 +29,22 @@ AGAIN = 2
 """How often what is unclear is looked at again."""
 UNCLEAR = frozenset({FaultCode.UNDECIDED, FaultCode.AMBIGUOUS, FaultCode.TEST_POINT_NOT_FOUND})
 """What another point of view may clear up. A tip that is not found is none of these: nothing moves without it."""
+HIDDEN = frozenset({FaultCode.TARGET_NOT_CONFIRMED, FaultCode.DISAGREE})
+"""The same where CAD is registered, which is never wrong by chance: the needle, its shadow or a glint at the target."""
+MOSTLY_AGREES = 0.6
+"""Agreement at which a refused picture may be this board, with something before it."""
 NO_MATCH = {
     "none_near": FaultCode.TEST_POINT_NOT_FOUND,
     "undecided": FaultCode.UNDECIDED,
     "ambiguous": FaultCode.AMBIGUOUS,
     "contradicted": FaultCode.AMBIGUOUS,
+}
+
+NO_MATCH_WORDS = {
+    "none_near": "no pad is seen where it should be: the board may be turned, displaced, wrong side up or another one",
+    "undecided": "what lies where it should be cannot be told from a pad: dirt, solder or a glint may cover it",
+    "ambiguous": "several pads could be it: the board lies further off than their distance",
+    "contradicted": "the pads in view do not lie as CAD has them: the board may be another one, or turned",
 }
 
 
@@ -40,6 +56,10 @@ class Prior:
     trust_um: float
     firm: bool = False
     """Whether the target cannot be elsewhere: it was seen a moment ago."""
+    last: Registration | None = None
+    """Where the board was seen a moment ago."""
+    astray_um: float | None = None
+    """So far beside its place any way may have ended; the board is then not said to have moved."""
 
 
 @dataclass(frozen=True)
@@ -48,9 +68,23 @@ class Aim:
 
     look: LookResult
     tip: Tip
-    target: TestPoint
+    target: TestPoint | Registered
     correction: Correction
     shift_um: tuple[float, float]
+    astray_um: float | None = None
+
+    @property
+    def firm(self) -> Prior:
+        """What the next look of the job knows by this one; where ways may end astray, nothing."""
+        if self.astray_um is not None:
+            return Prior((0.0, 0.0), self.astray_um, astray_um=self.astray_um)
+        registered = self.target.found if isinstance(self.target, Registered) else None
+        return Prior(self.shift_um, STILL_UM, firm=True, last=registered)
+
+    @property
+    def tip_px(self) -> tuple[float, float]:
+        """Where the needle's end was seen."""
+        return self.tip.x_px, self.tip.y_px
 
     @property
     def error_um(self) -> float:
@@ -64,8 +98,14 @@ class Aim:
         return here.x_um + self.correction.dx_um, here.y_um + self.correction.dy_um
 
 
-def known_beforehand(context: StationContext) -> Prior | None:
-    """Return what a station knows before its first look: something only if head and board have been calibrated."""
+def known_beforehand(context: StationContext, *, astray: bool = False) -> Prior | None:
+    """Return what a station knows before its first look: something only if head and board have been calibrated.
+
+    `astray`: the way that led here may have ended anywhere that can be corrected, wherever the board is.
+    """
+    if astray and context.by_cad:
+        most_um = context.servo.max_placement_um
+        return Prior((0.0, 0.0), most_um, astray_um=most_um)
     aligned = context.calibrations.head is not None and context.calibrations.alignment(context.board) is not None
     return Prior((0.0, 0.0), context.servo.trusted_um) if aligned else None
 
@@ -77,18 +117,44 @@ async def look_and_aim(
     point: BoardPoint,
     pose_map: PoseMap,
     prior: Prior | None = None,
+    *,
+    moves_next: bool = False,
 ) -> Aim:
     """Look from `position` and find the way to `point`; a `Fault` says what could not be seen.
 
-    What is unclear is looked at again from the same place: the camera's noise is another, nothing moves.
+    moves_next: that way will be gone at once, and looked at again.
+
+    What is unclear is looked at again from the same place: the camera's noise is another, nothing moves. Registration
+    is not at the mercy of noise.
     """
+    context.station.needle.sight = None
+    again = {FaultCode.TIP_NOT_FOUND} if context.by_cad else UNCLEAR | {FaultCode.TIP_NOT_FOUND}
     for _ in range(AGAIN):
         try:
-            return await _aim(job, context, position, point, pose_map, prior)
+            return await _aim(job, context, position, point, pose_map, prior, moves_next=moves_next)
         except Fault as unclear:
-            if unclear.kind not in UNCLEAR and unclear.kind is not FaultCode.TIP_NOT_FOUND:
+            if unclear.kind not in again:
                 raise
-    return await _aim(job, context, position, point, pose_map, prior)
+    return await _aim(job, context, position, point, pose_map, prior, moves_next=moves_next)
+
+
+def another_view_helps(context: StationContext, fault: Fault, prior: Prior | None = None) -> bool:
+    """Whether what could not be seen may be seen from a step aside.
+
+    Where ways may end astray, that is also a picture that mostly agrees with CAD: what stands before some of its metal
+    here stands elsewhere from aside.
+    """
+    if not context.by_cad:
+        return fault.kind in UNCLEAR
+    astray = prior is not None and prior.astray_um is not None
+    mostly = fault.kind is FaultCode.NOT_THIS_BOARD and float(fault.detail.get("agreement", 0.0)) >= MOSTLY_AGREES
+    return fault.kind in HIDDEN or (astray and mostly)
+
+
+def _height_below_um(context: StationContext, position: Position, point: BoardPoint) -> float:
+    """Return the height of what a look finds: by CAD the board's surface, else the pad's own outline."""
+    height_um = context.geometry.height_below_um(position)
+    return height_um if context.by_cad else height_um + (point.stands_um or 0.0)
 
 
 async def _aim(
@@ -98,26 +164,54 @@ async def _aim(
     point: BoardPoint,
     pose_map: PoseMap,
     prior: Prior | None,
+    *,
+    moves_next: bool,
 ) -> Aim:
     """Take one look."""
     model = context.calibrations.require_probe()
     servo = context.servo
     reach_um = servo.max_placement_um + servo.match_um
-    height_um = context.geometry.height_below_um(position)
-    search = Search.by_map(pose_map, model.tip_px, point, reach_um, height_um)
-    look = await context.station.look(position, model, search, job)
-    job.saw(look)
+    height_um = _height_below_um(context, position, point)
+    astray_um = prior.astray_um if prior is not None else None
+    if context.by_cad:
+        last = prior.last if prior is not None else None
+        by_cad = await board_search(context, position, point, pose_map, last)
+        look = await look_by_cad(
+            job, context, position, model, by_cad, by_seat=True, astray_um=astray_um, moves_next=moves_next
+        )
+    else:
+        search = Search.by_map(pose_map, model.tip_px, point, reach_um, height_um)
+        look = await context.station.look(position, model, search, job, moves_next=moves_next)
+        job.saw(look)
+    target: TestPoint | Registered
     try:
         tip = require_tip(look)
-        target = choose(look, tip, point, pose_map, context, height_um, prior)
+        if context.by_cad:
+            target = await believe(look, context, point, astray_um)
+        else:
+            target = choose(look, tip, point, pose_map, context, height_um, prior)
     except Fault:
         job.note("look", describe(look, None, None))
         raise
     way = pose_map.correction((target.x_px, target.y_px), (tip.x_px, tip.y_px), look.position.theta_deg,
                               math.hypot(tip.sigma_px, target.sigma_px), height_um=height_um)  # fmt: skip
-    job.note("look", describe(look, target, way))
+    look = _told(job, context, look, tip, target, way, pose_map, height_um)
     nominal = context.geometry.from_tip_um(point.place_um, position)
-    return Aim(look, tip, target, way, (float(way.dx_um - nominal[0]), float(way.dy_um - nominal[1])))
+    shift_um = float(way.dx_um - nominal[0]), float(way.dy_um - nominal[1])
+    return Aim(look, tip, target, way, shift_um, astray_um)
+
+
+def _told(
+    job: JobContext, context: StationContext, look: LookResult, tip: Tip, target: TestPoint | Registered,
+    way: Correction, pose_map: PoseMap, height_um: float,
+) -> LookResult:  # fmt: skip
+    """Keep what a look showed: in numbers, for its pictures, and for live ones until the head moves."""
+    job.note("look", describe(look, target, way))
+    told = replace(look, landing=landing_of(look, tip, target, pose_map.below_px(height_um), way))
+    job.aimed(told)
+    px_per_um = pose_map.scale_px_per_um((tip.x_px, tip.y_px), height_um=height_um)
+    context.station.needle.sight = sight_of(told, context.servo.tolerance_um * px_per_um)
+    return told
 
 
 def require_tip(look: LookResult) -> Tip:
@@ -125,15 +219,15 @@ def require_tip(look: LookResult) -> Tip:
     if look.tip is None:
         raise Fault(FaultCode.NOT_CALIBRATED, "the probe's tip has not been taught")
     if isinstance(look.tip, NotFound):
-        refuse_unusable(look.tip)
+        refuse_unusable(look.tip, "white")
         raise Fault(FaultCode.TIP_NOT_FOUND, f"tip not found: {look.tip.message}", reason=look.tip.reason.value)
     return look.tip
 
 
-def refuse_unusable(missing: NotFound) -> None:
-    """Raise `Fault` if it is the frame itself that is no good: no other place helps then."""
+def refuse_unusable(missing: NotFound, lamp: Literal["white", "red"]) -> None:
+    """Raise `Fault` if it is the frame under that lamp itself that is no good: no other place helps then."""
     if missing.reason in UNUSABLE:
-        raise Fault(FaultCode.FRAME_UNUSABLE, missing.message, reason=missing.reason.value)
+        raise unusable_frame(missing.message, missing.reason.value, lamp)
 
 
 def choose(
@@ -151,11 +245,11 @@ def choose(
     """
     seen = look.seen
     if seen is None:
-        raise Fault(FaultCode.TEST_POINT_NOT_FOUND, "the red picture was not searched")
+        raise Fault(FaultCode.TEST_POINT_NOT_FOUND, "the pad was not looked for in the red picture")
     if isinstance(seen.nearest, NotFound):
-        refuse_unusable(seen.nearest)
+        refuse_unusable(seen.nearest, "red")
     servo, theta, tip_px = context.servo, look.position.theta_deg, (tip.x_px, tip.y_px)
-    radius_px = point.diameter_um / 2 * pose_map.scale_px_per_um(tip_px)
+    radius_px = point.round_um / 2 * pose_map.scale_px_per_um(tip_px)
 
     def places_um(pixels: list[tuple[float, float]]) -> Array:
         return pose_map.from_tip_um(pixels, tip_px, theta, height_um=height_um) if pixels else np.empty((0, 2))
@@ -193,10 +287,16 @@ def choose(
     objects = np.vstack([pads, doubtful])
     raise Fault(
         NO_MATCH[match.reason],
-        f"{point.name}: {match.reason}; {len(pads)} pads of its size and {len(doubtful)} doubtful objects are in view",
+        f"{point.name}: {NO_MATCH_WORDS[match.reason]}; in view are {_number(len(pads), 'pad')} of its size and "
+        f"{_number(len(doubtful), 'doubtful object')}",
+        match=match.reason,
         candidates_um=[[round(float(v), 1) for v in objects[i]] for i in match.candidates],
         thrown=[t.rule for t in seen.thrown][:20],
     )
+
+
+def _number(count: int, what: str) -> str:
+    return f"{count or 'no'} {what}{'' if count == 1 else 's'}"
 
 
 def lookalikes(point: BoardPoint, position: Position, context: StationContext) -> Array:
@@ -208,40 +308,3 @@ def lookalikes(point: BoardPoint, position: Position, context: StationContext) -
     places = context.board.lookalikes_um(point, 3 * (servo.max_placement_um + servo.match_um))
     from_tip: Array = context.geometry.board_to_robot_um(places) - context.geometry.tip_um(position)
     return from_tip
-
-
-def describe(look: LookResult, target: TestPoint | None, way: Correction | None) -> dict[str, object]:
-    """Return a look's numbers for the journal."""
-    body: dict[str, object] = {
-        "x_um": round(look.position.x_um, 2),
-        "y_um": round(look.position.y_um, 2),
-        "z_um": round(look.position.z_um, 2),
-        "theta_deg": round(look.position.theta_deg, 5),
-        "white_sequence": look.white.sequence,
-    }
-    if look.red is not None:
-        body["red_sequence"] = look.red.sequence
-    if isinstance(look.tip, Tip):
-        body |= {
-            "tip_px": [round(look.tip.x_px, 3), round(look.tip.y_px, 3)],
-            "tip_sigma_px": round(look.tip.sigma_px, 3),
-            "needle": _needle(look.tip),
-        }
-    if target is not None:
-        body |= {"target_px": [round(target.x_px, 3), round(target.y_px, 3)], "kind": str(target.kind)}
-    if way is not None:
-        body |= {"dx_um": round(way.dx_um, 2), "dy_um": round(way.dy_um, 2), "sigma_um": round(way.sigma_um, 2)}
-    return body
-
-
-def _needle(tip: Tip) -> dict[str, float]:
-    """Return what was measured of the needle itself; maintenance follows it over months."""
-    return {
-        "width_px": round(tip.width_px, 3),
-        "marking_px": round(tip.shape.marking_px, 3),
-        "contrast": round(tip.marking_contrast, 4),
-        "bend_px": round(tip.bend_px, 3),
-        "sharpness": round(tip.sharpness, 4),
-        "score": round(tip.score, 4),
-        "support": round(tip.edge_support, 3),
-    }

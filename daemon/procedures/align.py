@@ -1,9 +1,12 @@
-"""Board alignment: look at the fiducials and fit CAD to what was seen (three points align the board)."""
+"""Board alignment: look at the fiducials, or at the places of the seat, and fit CAD to what was seen.
+
+Three points align the board. Where the board file has layers, the looks are registered, and places that are found once
+on the board verify the seat.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -15,7 +18,8 @@ from daemon.procedures.aiming import UNCLEAR, Aim, look_and_aim
 from daemon.procedures.calibrate.commit import Began, keep, on_disk, tell_old
 from daemon.procedures.correct import sidestep_um
 from daemon.procedures.move_sequence import MoveSequence, shifted
-from daemon.storage.calibration_records import Aligned, AlignmentLimits, AlignmentRecord
+from daemon.procedures.seat import seat_points, seat_stop, see_seat
+from daemon.storage.calibration_records import Aligned, AlignmentLimits, AlignmentRecord, Seat
 from daemon.wire.operations.jobs import Align
 from drivers.gantry import Position
 from vision.geometry import Alignment, Array, PoseMap
@@ -34,34 +38,47 @@ SCATTER_UM = 6.0
 async def align(job: JobContext, context: StationContext, request: Align) -> Outcome:
     """Look at the fiducials from the head angles asked for and keep the board's pose; else none is in force."""
     tell_old(job, context, "alignment")
-    points = _fiducials(request, context)
     context.calibrations.require_probe()
+    by_seat = context.by_cad and request.fiducials is None
+    points = await seat_points(context, request.thetas_deg) if by_seat else _fiducials(request, context)
     pose_map = context.require_map()
     await context.station.require_homed(job)
-    r = context.servo.max_placement_um
-    stops = [(p, _nominal(context, p, theta)) for theta in request.thetas_deg for p in points]
-    for _, place in stops:
-        context.station.check(shifted(place, -r, -r))
-        context.station.check(shifted(place, r, r))
+    stops = [(p, seat_stop(context, p.place_um, theta)) for theta in request.thetas_deg for p in points]
+    _check_reach(context, [place for _, place in stops])
     await _begin(job, context, request)
     job.fire(Event.ACCEPTED)
     sequence, began = MoveSequence(job, context), Began.now(job)
+    seat: Seat | None = None
     views: dict[str, list[Array]] = {p.name: [] for p in points}
+    if context.by_cad:
+        try:
+            seen = await see_seat(sequence, points, request.thetas_deg, pose_map, named=not by_seat)
+        except Fault as unseen:
+            await _void(context, request, f"did not pass: {unseen.message}")
+            raise
+        seat, views, stops = seen.seat(), seen.views, []
+        points = [p for p in points if p.name in views]
     for n, (point, place) in enumerate(stops):
         job.progress(n, len(stops), f"looking at {point.name}")
         views[point.name].append(await _place_um(sequence, point, place, pose_map))
     fitted = _fit(points, views, context)
-    record = _record(fitted, points, views, context, began.facts(job, context) | {"board_id": request.board_id})
+    record = _record(
+        fitted, points, views, context, began.facts(job, context) | {"board_id": request.board_id, "seat": seat}
+    )
     kept = await keep(job, context, record)
     return Outcome("aligned", detail=_told(record, context) | kept)
 
 
 async def _begin(job: JobContext, context: StationContext, request: Align) -> None:
     """Hold the old pose for void: who aligns doubts it, and however this ends, only one that passes is true."""
-    which = f" of board {request.board_id}" if request.board_id is not None else ""
-    why = f"the last alignment{which} (job {request.id[:64]}) did not pass"
-    await on_disk(context.calibrations.void_alignment, why)
+    await _void(context, request, "did not pass")
     tell_old(job, context, "alignment")
+
+
+async def _void(context: StationContext, request: Align, how: str) -> None:
+    which = f" of board {request.board_id}" if request.board_id is not None else ""
+    why = f"the last alignment{which} (job {request.id[:64]}) {how}"
+    await on_disk(context.calibrations.void_alignment, why)
 
 
 def _fiducials(request: Align, context: StationContext) -> list[BoardPoint]:
@@ -81,13 +98,12 @@ def _fiducials(request: Align, context: StationContext) -> list[BoardPoint]:
     return found
 
 
-def _nominal(context: StationContext, point: BoardPoint, theta_deg: float) -> Position:
-    """Return where to look for a fiducial: where the configuration has it, for the board may be another one.
-
-    So its height is not known either, and the needle stays free of any.
-    """
-    over = context.geometry.position_at(context.geometry.nominal_um(point.place_um), theta_deg)
-    return replace(over, z_um=max(context.gantry.work_z_um, context.gantry.free_z_um))
+def _check_reach(context: StationContext, places: list[Position]) -> None:
+    """Raise where a place, as far off as a board may lie, is out of the machine's reach."""
+    r = context.servo.max_placement_um
+    for place in places:
+        context.station.check(shifted(place, -r, -r))
+        context.station.check(shifted(place, r, r))
 
 
 async def _place_um(sequence: MoveSequence, point: BoardPoint, place: Position, pose_map: PoseMap) -> Array:
@@ -176,7 +192,9 @@ def _told(record: AlignmentRecord, context: StationContext) -> dict[str, object]
     """Return the figures for the answer: how the board lies beside where the configuration has it."""
     middle = np.array((context.board.width_um / 2, context.board.height_um / 2))
     shift = context.geometry.board_to_robot_um(middle) - context.geometry.nominal_um(middle)
-    return {
+    seat = record.seat
+    told = {"verified": seat.verified, "places": seat.places, "agreement": seat.agreement} if seat is not None else None
+    return ({} if told is None else {"seat": told}) | {
         "board": record.board,
         "side": record.side,
         "fiducials": len(record.fiducials),

@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
+from dataclasses import asdict, replace
+from typing import Any
 
+from daemon.domain.board import BoardPoint
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.states import Event
 from daemon.jobs.context import JobContext, Outcome, StationContext
-from daemon.procedures.aiming import describe, known_beforehand, look_and_aim
+from daemon.procedures.aiming import known_beforehand, look_and_aim
 from daemon.procedures.board_in_nest import require_board
+from daemon.procedures.descent import LOOKS_FOR_TIP
 from daemon.procedures.height import ABOUT_UM, describe_height, refuse_pushed, require_free
+from daemon.procedures.look_numbers import describe
+from daemon.procedures.place_seen import confirm_place, too_far_um
+from daemon.procedures.seat_state import seat_shifts
+from daemon.procedures.sites import sited
 from daemon.station.station import Search
 from daemon.wire.operations.jobs import Home, Lift, Look, Place
 from drivers.gantry import Position
+from vision import Tip
 
 ARRIVED_WITHIN_UM = 10.0
 FREE_LOOK_REACH_UM = 1000.0
@@ -42,41 +50,67 @@ async def lift(job: JobContext, context: StationContext, _request: Lift) -> Outc
     job.fire(Event.ARRIVED)
     if not context.station.needle.is_up:
         raise context.station.needle.fault("it was raised, and is not where it should be")
+    await context.station.refuse_metal(job)
     return Outcome("lifted", detail={"position": _numbers(position)})
 
 
 async def place(job: JobContext, context: StationContext, request: Place) -> Outcome:
     """Put the tip over a test point by the head model and the board's nominal pose.
 
-    Where the tip is nobody looks: that it is there is what the drives say, and the answer says so.
+    Where the board file has layers, the camera confirms the place; else it is what the drives say, and the answer tells
+    which.
     """
     job.partial.test_point = request.test_point
-    place_um = _place_of(request, context)
+    point = await _point_of(request, context)
+    place_um = request.board_um if point is None else point.place_um
+    if place_um is None:
+        raise Fault(FaultCode.INVALID_REQUEST, "neither a test point nor a place was named")
     if request.board_id is not None:
         await require_board(context, request.board_id)
     await context.station.require_homed(job)
     target = context.geometry.position_over(place_um, request.theta_deg)
     context.station.check(target)
+    if point is not None and context.by_cad:
+        context.references.begin(point.place_um, seat_shifts(context))  # drawn while the head travels
     job.fire(Event.ACCEPTED)
     job.fire(Event.SEEN)
     job.moves += 1
-    position = await context.station.go(target, job, slow_z_um=context.geometry.slow_z_um(target))
+    position = await context.station.go(
+        target, job, slow_z_um=context.geometry.slow_z_um(target), clear=await context.clearance.by_calibration()
+    )
     job.fire(Event.ARRIVED)
     away_um = math.dist((position.x_um, position.y_um, position.z_um), (target.x_um, target.y_um, target.z_um))
     if away_um > ARRIVED_WITHIN_UM:
         raise Fault(FaultCode.MOTION_FAILED, f"the axes stand {away_um:.0f} um from where they were sent")
     job.note("move", _numbers(target))
-    detail = {"position": _numbers(position), "confirmed_by": "drives"} | describe_height(context, position)
-    await _see_free(job, context, position)
-    return Outcome("placed", test_point=request.test_point, detail=detail)
+    position, seen = await _seen_there(job, context, position, point)
+    target_um = [round(v, 1) for v in place_um]
+    detail: dict[str, object] = {"position": _numbers(position), "confirmed_by": "drives", "target_um": target_um}
+    detail |= describe_height(context, position)
+    beside_um = too_far_um(context, seen.get("away_um", 0.0))
+    return Outcome("placed", test_point=request.test_point, detail=detail | seen, beside_um=beside_um)
 
 
-async def _see_free(job: JobContext, context: StationContext, position: Position) -> None:
-    """Where the needle was lowered by a measured surface, see that it hovers: another board may lie there by now."""
+async def _seen_there(
+    job: JobContext, context: StationContext, position: Position, point: BoardPoint | None
+) -> tuple[Position, dict[str, Any]]:
+    """See that the tip is over the place, and free; return where the head stands then, and what the answer tells."""
+    try:
+        seen = await confirm_place(job, context, position, point)
+    except Fault:
+        await _see_free(job, context, position)  # what lies there instead may be higher
+        raise
+    return await _see_free(job, context, position), seen
+
+
+async def _see_free(job: JobContext, context: StationContext, position: Position) -> Position:
+    """Where the needle was lowered by a measured surface, see that it hovers: another board may lie there by now.
+
+    Where the tip is not seen, it is raised to where no board can be. Returns where it is.
+    """
     pose_map, probe = context.calibrations.pose_map, context.calibrations.probe
     if pose_map is None or probe is None or position.z_um >= context.gantry.free_z_um - ABOUT_UM:
-        return
-    job.saw(await context.station.look_white(position, probe, None, job))
+        return position
 
     async def go(target: Position) -> Position:
         job.fire(Event.OFF_TARGET)
@@ -85,7 +119,13 @@ async def _see_free(job: JobContext, context: StationContext, position: Position
         job.fire(Event.ARRIVED)
         return reached
 
-    await require_free(job, context, pose_map, go)
+    for _ in range(LOOKS_FOR_TIP):
+        look = await context.station.look_white(position, probe, None, job)
+        job.saw(look)
+        if isinstance(look.tip, Tip):
+            await require_free(job, context, pose_map, go)
+            return position
+    return await go(replace(position, z_um=context.gantry.free_z_um))
 
 
 async def look(job: JobContext, context: StationContext, request: Look) -> Outcome:
@@ -94,7 +134,7 @@ async def look(job: JobContext, context: StationContext, request: Look) -> Outco
     job.fire(Event.ACCEPTED)
     position = await context.station.position(job)
     if request.test_point is not None:
-        point = context.board.point(request.test_point)
+        point = await sited(context, context.board.point(request.test_point))
         pose_map = context.require_map()
         aim = await look_and_aim(job, context, position, point, pose_map, known_beforehand(context))
         refuse_pushed(context, aim.look, pose_map)
@@ -103,6 +143,7 @@ async def look(job: JobContext, context: StationContext, request: Look) -> Outco
             test_point=point.name,
             error_before_um=round(aim.error_um, 2),
             detail=describe(aim.look, aim.target, aim.correction) | describe_height(context, position),
+            beside_um=too_far_um(context, aim.error_um),
         )
     return Outcome("looked", detail=await _look_freely(job, context, position))
 
@@ -126,11 +167,12 @@ async def _look_freely(job: JobContext, context: StationContext, position: Posit
     return body
 
 
-def _place_of(request: Place, context: StationContext) -> tuple[float, float]:
-    """Return the place asked for, board frame, um. Fiducials may be looked at, though never touched."""
+async def _point_of(request: Place, context: StationContext) -> BoardPoint | None:
+    """Return the target asked for; None for a place. Fiducials may be looked at, though never touched."""
     if request.board_um is not None:
-        return request.board_um
-    return context.board.find(request.test_point or "").place_um
+        return None
+    point = context.board.find(request.test_point or "")
+    return await sited(context, point) if point.probeable else point
 
 
 def _numbers(position: Position) -> dict[str, float]:

@@ -5,19 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from daemon.domain.errors import Fault, FaultCode
 from daemon.jobs.context import JobContext, StationContext
+from daemon.station.free_pin import FLEX_WITHIN_UM
 from daemon.station.station import LookResult
 from drivers.gantry import Position
 from vision import Tip
-from vision.geometry import PoseMap
+from vision.geometry import Array, PoseMap
 
 SUSPECT_UM = 55.0
 """A tip that stands so much higher in the picture than it was taught may be pushed in: 2.4 sigma of the stops' flex."""
-PUSHED_UM = 80.0
+PUSHED_UM = FLEX_WITHIN_UM
 """So much is a push, for a look that must move nothing and cannot ask further: 3.5 sigma."""
 NO_FLEX_UM = 120.0
 """So much is no flex any more: five sigma."""
@@ -33,17 +35,26 @@ def describe_height(context: StationContext, position: Position) -> dict[str, ob
 
     `parallax_um`: how far a surface at the end of the configured range seems to lie aside in a slanting view.
     """
-    height_um = context.geometry.measured_um(context.geometry.tip_um(position))
+    tip_um = context.geometry.tip_um(position)
+    height_um, told = context.geometry.measured_um(tip_um), _pad_height(context, tip_um)
     if height_um is not None:
-        return {"height": "measured", "height_um": round(height_um, 1)}
+        return told | {"height": "measured", "height_um": round(height_um, 1)}
     range_um = context.gantry.surface_range_um
-    told: dict[str, object] = {"height": "unknown", "height_within_um": range_um}
+    told |= {"height": "unknown", "height_within_um": range_um}
     pose_map, probe = context.calibrations.pose_map, context.calibrations.probe
     if pose_map is not None and probe is not None:
         below_px = np.add(probe.tip_px, pose_map.below_px())
         aside_um = pose_map.from_tip_um(below_px, probe.tip_px, 0.0, height_um=range_um)
         told["parallax_um"] = round(math.hypot(*aside_um), 1)
     return told
+
+
+def _pad_height(context: StationContext, tip_um: Array) -> dict[str, object]:
+    """Return what is known of how high the pad below stands above the board; nothing of one that lies flat."""
+    stands_um = context.geometry.stands_um(tip_um)
+    if stands_um:
+        return {"pad_stands_um": round(stands_um, 1)}
+    return {"pad_height": "unknown"} if context.geometry.stands_unknown(tip_um) else {}
 
 
 def pushed_um(context: StationContext, look: LookResult | None, pose_map: PoseMap) -> float:
@@ -58,18 +69,25 @@ def refuse_pushed(context: StationContext, look: LookResult, pose_map: PoseMap) 
     """Raise `Fault` if a look shows a pin that is certainly pushed in; for looks that must move nothing."""
     up_um = pushed_um(context, look, pose_map)
     if up_um > PUSHED_UM:
+        context.station.needle.board.end()
         raise _touching(up_um)
 
 
-async def require_free(job: JobContext, context: StationContext, pose_map: PoseMap, go: Go) -> None:
+async def require_free(
+    job: JobContext, context: StationContext, pose_map: PoseMap, go: Go, *, feel: bool = True
+) -> None:
     """Raise `Fault` if the last look shows a pushed pin; the needle is then left lifted.
 
     Camera and needle flex from stop to stop by as much as a small push, so a suspect is lifted where it stands: only a
-    pushed pin comes out. A free one is brought back down.
+    pushed pin comes out. A free one is brought back down. What flex may hide is felt by a touch sense, where one is
+    fitted: it is asked before a board is trusted, unless the caller does so next (`feel`).
     """
     look = job.last_look
     up_um = pushed_um(context, look, pose_map)
-    if look is None or not isinstance(look.tip, Tip) or up_um <= SUSPECT_UM:
+    if look is None or not isinstance(look.tip, Tip):
+        return
+    if up_um <= SUSPECT_UM:
+        await _trust_board(job, context, look.position, go if feel else None)
         return
     if look.position.z_um >= context.gantry.free_z_um - ABOUT_UM:
         return  # no board is so high
@@ -79,9 +97,13 @@ async def require_free(job: JobContext, context: StationContext, pose_map: PoseM
     lifted = await context.station.look_white(above, context.calibrations.require_probe(), None, job)
     job.saw(lifted)
     if not isinstance(lifted.tip, Tip):
-        raise Fault(FaultCode.TIP_NOT_FOUND, f"tip not found above a suspect of a touch: {lifted.tip}")
+        raise Fault(
+            FaultCode.TIP_NOT_FOUND,
+            f"whether the needle touched the board cannot be told, for its tip is not seen: {lifted.tip}",
+        )
     risen_um = pose_map.height_from_shift_um((tip.x_px - lifted.tip.x_px, tip.y_px - lifted.tip.y_px))
     if risen_um > RISEN_UM:
+        context.station.needle.board.end()
         raise _touching(risen_um)
     if up_um > NO_FLEX_UM:
         raise Fault(
@@ -91,6 +113,36 @@ async def require_free(job: JobContext, context: StationContext, pose_map: PoseM
             pushed_um=round(up_um, 1),
         )
     await go(here)
+
+
+async def _trust_board(job: JobContext, context: StationContext, position: Position, go: Go | None) -> None:
+    """Where a higher board than was measured would have pushed the pin in, a free one shows that none lies there."""
+    if position.z_um >= context.gantry.free_z_um - ABOUT_UM:
+        return
+    board = context.station.needle.board
+    station = context.station
+    if go is not None and not board.holds and station.has_sense and await station.senses_metal(job):
+        await lift_off_metal(context, position, go, partial(station.senses_metal, job), back=True)
+    board.seen_free()
+
+
+async def lift_off_metal(
+    context: StationContext, here: Position, go: Go, feels: Callable[[], Awaitable[bool]], *, back: bool
+) -> None:
+    """Lift a needle that feels metal where it hovers; raise `Fault` if it then feels none: it stood on a board.
+
+    Else what tells so is closed for good and says nothing of the board. `back`: the needle is brought back then.
+    """
+    await go(replace(here, z_um=context.gantry.safe_z_um))
+    if not await feels():
+        context.station.needle.board.end()
+        raise Fault(
+            FaultCode.WRONG_HEIGHT,
+            "the needle felt metal where it should hover, and was lifted off it",
+            advice="see that this board lies flat in its nest; then `calibrate` its surface",
+        )
+    if back:
+        await go(here)
 
 
 def _touching(by_um: float) -> Fault:

@@ -18,6 +18,7 @@ import numpy as np
 from daemon.domain.errors import Fault, FaultCode
 from daemon.procedures.aiming import require_tip
 from daemon.procedures.move_sequence import MoveSequence, shifted
+from daemon.procedures.touch_sense import refuse_closed_sense
 from daemon.station.free_pin import FreePin
 from drivers.gantry import Position
 from vision.geometry import Array, PoseMap
@@ -69,6 +70,7 @@ class SurfaceSearch:
         sequence, station = self._sequence, self._sequence.context.station
         above = replace(place, z_um=self._config.gantry.free_z_um)
         free = await tip_px(sequence, await sequence.go(above))
+        await refuse_closed_sense(sequence.job, sequence.context, seen_free=True)
         station.pressing(self._free_pin(above, free))
         try:
             push = await self._search(above, free)
@@ -83,8 +85,7 @@ class SurfaceSearch:
     def _free_pin(self, above: Position, free: Array) -> FreePin:
         """Return what a lift is judged by: a push that can be told at all."""
         model = self._sequence.context.calibrations.require_probe()
-        within_px = LEAST_PUSH_UM * float(np.linalg.norm(self._map.below_tip_px)) / self._map.hover_um
-        return FreePin(model, (float(free[0]), float(free[1])), within_px, above.z_um)
+        return FreePin.by_map(self._map, model, (float(free[0]), float(free[1])), LEAST_PUSH_UM, above.z_um)
 
     async def _search(self, above: Position, free: Array) -> Push:
         """Go down by less than half a press at a time until the pin is pushed, then by half a press once more.

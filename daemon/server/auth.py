@@ -98,4 +98,4 @@ class Authenticator:
         client = self._keyring.find(public)
         if client is None:
             raise Fault(FaultCode.KEY_REVOKED, public=public)
-        return Caller(client.name, client.role)
+        return Caller(client.name, client.role, client.name)

@@ -22,7 +22,7 @@ from daemon.platform import descriptors
 
 HANDSHAKE_MS = 3_000
 SHARE = 4
-"""Each of the two sockets may use one of so many parts of the process' descriptors: half of them stay free."""
+"""Each of the three sockets may use one of so many parts of the process' descriptors: a quarter of them stays free."""
 TELL_EVERY_S = 10.0
 log = structlog.get_logger(__name__)
 

@@ -21,10 +21,10 @@ from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.results import ErrorBody
 from daemon.domain.roles import Caller
 from daemon.server.auth import Authenticator
-from daemon.server.event_publisher import bind
 from daemon.server.rate_limit import RateLimit
+from daemon.server.served_address import bind
 from daemon.station.device_errors import as_fault
-from daemon.wire.limits import HARD_LIMIT, MAX_COMMAS, MAX_HELD, MAX_PENDING
+from daemon.wire.limits import GLANCE_BYTES, HARD_LIMIT, MAX_COMMAS, MAX_HELD, MAX_PENDING
 from daemon.wire.operations.table import OPERATIONS, AnyRequest
 from daemon.wire.replies import AnyReply, Refusal, Reply
 from daemon.wire.requests import MAX_TAG
@@ -135,6 +135,7 @@ class ControlSocket:
                 self._later(route, raw, caller.client, self._answers.handle(request, caller))
         except Exception as exc:  # noqa: BLE001  # the edge of the daemon: every failure becomes a reply
             reply = _refusal(exc)
+            raw = self._glance(body) if raw is None else raw
         if reply is not None:
             self._send(route, raw, reply)
 
@@ -185,7 +186,9 @@ class ControlSocket:
         """Read the one JSON frame of a message; its size is looked at before anything else of it is."""
         size = sum(len(frame) for frame in body)
         if size > self._max_message_bytes:
-            raise Fault(FaultCode.MESSAGE_TOO_LARGE, f"{size} bytes", limit_bytes=self._max_message_bytes)
+            raise Fault(
+                FaultCode.MESSAGE_TOO_LARGE, f"the message has {size} bytes", limit_bytes=self._max_message_bytes
+            )
         if len(body) != 1:
             raise Fault(FaultCode.BAD_JSON, f"{len(body)} frames instead of one")
         data = body[0].bytes
@@ -195,6 +198,15 @@ class ControlSocket:
             return json.loads(data)
         except (ValueError, RecursionError) as exc:
             raise Fault(FaultCode.BAD_JSON, f"not JSON: {exc}"[:300]) from exc
+
+    def _glance(self, body: list[zmq.Frame]) -> Any:
+        """Read a short message that was refused before it was read, so that its refusal can be told apart."""
+        if len(body) != 1 or len(body[0]) > min(GLANCE_BYTES, self._max_message_bytes):
+            return None
+        try:
+            return json.loads(body[0].bytes)
+        except (ValueError, RecursionError):
+            return None
 
 
 def _refusal(error: Exception) -> Refusal:

@@ -1,4 +1,8 @@
-"""Event publisher: everything that happens, on a PUB socket, in the order of its numbers."""
+"""Event publisher: everything that happens, on a PUB socket, in the order of its numbers.
+
+An address that cannot be served keeps nobody from work: it is told once, and tried again now and then. Events go on to
+be numbered meanwhile, and what is kept of them can be replayed from the journal.
+"""
 
 from __future__ import annotations
 
@@ -7,36 +11,18 @@ from collections import deque
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Any
 
-import structlog
 import zmq
 
 from daemon.domain.errors import Fault
 from daemon.platform.clock import utc_now
 from daemon.server.auth import Authenticator
-from daemon.server.connection_limit import ConnectionLimit
+from daemon.server.served_address import SERVE_AGAIN_S, ServedAddress
 from daemon.storage.journal import Journal
 from daemon.wire.events import Topic, event
 from daemon.wire.limits import EVENT_QUEUE
 from drivers.shielded import finish
 
 Count = Callable[[str, Mapping[str, Any]], None]
-BIND_AGAIN_S, GIVE_UP_S = 0.01, 5.0
-log = structlog.get_logger(__name__)
-
-
-def bind(socket: zmq.Socket[Any], endpoint: str) -> ConnectionLimit:
-    """Bind, and return what bounds the socket's peers; close both before an error goes on.
-
-    A context waits for open sockets without end.
-    """
-    limit = ConnectionLimit(socket)
-    try:
-        socket.bind(endpoint)
-    except zmq.ZMQError:
-        limit.close()
-        socket.close(linger=0)
-        raise
-    return limit
 
 
 class EventPublisher:
@@ -51,7 +37,7 @@ class EventPublisher:
         count: Count | None = None,
         guard: Authenticator | None = None,
     ) -> None:
-        self._context, self._endpoint = context, endpoint
+        self._context = context
         self._count = count
         self._station = station
         self._journal = journal
@@ -61,10 +47,26 @@ class EventPublisher:
         self._turn = asyncio.Lock()
         self._held: deque[tuple[Topic, dict[str, Any]]] | None = None
         """What was published while another event is being written; None while none is."""
-        self._socket = self._open()
-        self._limit = bind(self._socket, endpoint)
+        self._address = ServedAddress("events", "events", endpoint, self._socket)
+        self.open()
 
-    def _open(self) -> zmq.Socket[bytes]:
+    @property
+    def trouble(self) -> str | None:
+        """Why nobody can subscribe; None where somebody can."""
+        return self._address.trouble
+
+    def open(self) -> None:
+        """Serve, unless that is so already or about to be; nothing is raised."""
+        if self._moving is None or self._moving.done():
+            self._address.open()
+
+    async def run(self, serve_again_s: float = SERVE_AGAIN_S) -> None:
+        """Try again now and then, until cancelled."""
+        while True:
+            self.open()
+            await asyncio.sleep(serve_again_s)
+
+    def _socket(self) -> zmq.Socket[bytes]:
         socket: zmq.Socket[bytes] = self._context.socket(zmq.PUB)
         socket.setsockopt(zmq.SNDHWM, EVENT_QUEUE)
         socket.setsockopt(zmq.LINGER, 200)
@@ -125,16 +127,16 @@ class EventPublisher:
             self._removals = self._guard.removals
             self._send_all_away()
         told = event(topic, number, utc_now(), self._station, body)
-        self._socket.send_multipart([topic.encode(), told.model_dump_json().encode()], zmq.NOBLOCK)
+        if self._address.socket is not None:
+            self._address.socket.send_multipart([topic.encode(), told.model_dump_json().encode()], zmq.NOBLOCK)
         if self._count is not None:
             self._count(topic, body)
 
     def close(self) -> None:
-        """Close the socket; what is on its way is still sent for a moment."""
+        """Close the socket, if there is one; what is on its way is still sent for a moment."""
         if self._moving is not None:
             self._moving.cancel()
-        self._limit.close()
-        self._socket.close()
+        self._address.close(linger_ms=None)
 
     def _send_all_away(self) -> None:
         """Part from every subscriber, for one of them may have had its key taken back; who may, comes again by itself.
@@ -142,24 +144,7 @@ class EventPublisher:
         A PUB socket cannot part from one peer alone. What is published until the new socket stands is lost to
         subscribers, who see that by `seq`.
         """
-        self._limit.close()
-        self._socket.close(linger=0)
-        self._socket = self._open()
-        self._limit = ConnectionLimit(self._socket)
+        self._address.close(linger_ms=0)
         if self._moving is not None:
             self._moving.cancel()
-        self._moving = asyncio.create_task(self._bind_again(self._socket), name="events")
-
-    async def _bind_again(self, socket: zmq.Socket[bytes]) -> None:
-        """Bind where the socket before was; the library lets go of the address a moment after it was closed."""
-        loop = asyncio.get_running_loop()
-        give_up_s = loop.time() + GIVE_UP_S
-        while True:
-            try:
-                socket.bind(self._endpoint)
-                return
-            except zmq.ZMQError as exc:
-                if loop.time() > give_up_s:
-                    log.error("events_not_served", endpoint=self._endpoint, error=str(exc))
-                    return
-            await asyncio.sleep(BIND_AGAIN_S)
+        self._moving = asyncio.create_task(self._address.open_again(), name="events")

@@ -7,7 +7,9 @@
 | `axis` | string | `x`, `y`, `z` or `theta` |
 | `drive_code` | integer | the drive's own error code, object 603Fh: 12832 is 3220h of its manual |
 | `object` | string | the drive's object that was read or written, index and subindex: `6041h:00` |
-| `exception` | integer | why it was refused: below 256 a Modbus exception code, else an SDO abort code |
+| `exception` | integer | why it was refused: below 0 of SCPI, below 256 of Modbus, else an SDO abort code |
+| `technical` | string | registers, function codes and status words, for who mends the drive or the line |
+| `trouble` | string | of a meter (`drivers.errors.MeterTrouble`): `silent`, `slow`, `garbage`, `dialect` and so on |
 
 What counts as an emergency stop is decided in `drivers.l4118.diagnosis` alone; here it only gets its code.
 """
@@ -18,7 +20,7 @@ from daemon.domain.errors import Fault, FaultCode
 from drivers import errors
 from drivers.gantry import AXES
 
-_KINDS: tuple[tuple[type[errors.DeviceError], FaultCode], ...] = (
+KINDS: tuple[tuple[type[errors.DeviceError], FaultCode], ...] = (
     (errors.NotHomed, FaultCode.NOT_HOMED),
     (errors.EnvelopeViolation, FaultCode.OUTSIDE_ENVELOPE),
     (errors.LimitHit, FaultCode.LIMIT_HIT),
@@ -27,6 +29,7 @@ _KINDS: tuple[tuple[type[errors.DeviceError], FaultCode], ...] = (
     (errors.MotionError, FaultCode.MOTION_FAILED),
     (errors.CameraError, FaultCode.CAMERA_FAILED),
     (errors.LightError, FaultCode.LIGHT_FAILED),
+    (errors.MeterError, FaultCode.METER_FAILED),
     (errors.DeviceRefused, FaultCode.DEVICE_REFUSED),
     (errors.DeviceError, FaultCode.LINK_LOST),
 )
@@ -37,15 +40,16 @@ def as_fault(error: Exception) -> Fault:
     if isinstance(error, Fault):
         return error
     if isinstance(error, errors.DeviceError):
-        kind = next(kind for raised, kind in _KINDS if isinstance(error, raised))
-        return Fault(kind, str(error), device=error.device, advice=error.advice, **_fields(error))
+        kind = next(kind for raised, kind in KINDS if isinstance(error, raised))
+        return Fault(kind, error.in_words, device=error.device, advice=error.advice, **_fields(error))
     return Fault(FaultCode.INTERNAL, f"{type(error).__name__}: {error}")
 
 
 def _fields(error: errors.DeviceError) -> dict[str, str | int]:
     """Return what is known of the error; one whose device is an axis is about that axis."""
     axis = {"axis": error.device} if error.device in AXES else {}
-    return {**axis, **error.fields()}
+    technical = {"technical": error.technical} if error.technical else {}
+    return {**axis, **error.fields(), **technical}
 
 
 def forget_frames(error: BaseException) -> None:

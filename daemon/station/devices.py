@@ -2,26 +2,33 @@
 
 from __future__ import annotations
 
-import asyncio
-from collections.abc import Coroutine, Mapping
+from collections.abc import Mapping
 from contextlib import AsyncExitStack
-from typing import Any, TypeVar
 
 import structlog
 
-from daemon.config.model import AxisSection, BusSection, CameraSection, Config, LightsSection
+from daemon.config.model import (
+    AxisSection,
+    BusSection,
+    CameraSection,
+    Config,
+    LightsSection,
+    MeterMethodSection,
+    MeterSection,
+)
+from daemon.platform.beside import beside
 from drivers.bus import Line, ModbusBus, OdAddressing, SerialLine, TcpLine
 from drivers.camera import Camera, CameraConfig, StreamCamera, V4L2Camera
 from drivers.deadline import Deadline
 from drivers.errors import DeviceError, EmergencyStop, LimitHit, MotionError
-from drivers.gantry import AxisCondition, Gantry, GantryConfig, SelfTest
+from drivers.gantry import AXES, AxisCondition, Gantry, GantryConfig, Position, SelfTest
 from drivers.l4118 import HEALTH_REQUESTS, Axis, AxisConfig, HomingConfig
 from drivers.lights import Light, Lights, ModbusRelayLights, SerialRelayLights
+from drivers.meter import Meter, MeterSettings, Method, MethodSettings, ScpiMeter, parse_address
 
 THETA_WINDOW_DEG = 0.03
 HOMING_ZERO_SHARE = 0.2
 """Share of the homing speed with which the switch's edge is sought."""
-T = TypeVar("T")
 log = structlog.get_logger(__name__)
 
 
@@ -37,8 +44,11 @@ class Hardware:
         stack: AsyncExitStack,
         found: Mapping[str, SelfTest],
         check_line_s: float = 0.0,
+        meter: Meter | None = None,
     ) -> None:
         self.gantry = gantry
+        self.meter = meter
+        """The measuring instrument; it is connected when it is first asked, for most work needs none."""
         self.check_line_s = check_line_s
         """How long the requests of one check of all drives are on their lines."""
         self.found = found
@@ -49,6 +59,28 @@ class Hardware:
         self.axes: tuple[AxisCondition, ...] = ()
         """What the drives said of themselves when they were last asked."""
         self._stack = stack
+
+    @property
+    def found_fit(self) -> bool:
+        """Whether the self-test found that nothing speaks against work, but perhaps that a reference is missing."""
+        return all(axis.fit for axis in self.found.values())
+
+    @property
+    def found_homed(self) -> bool:
+        """Whether the self-test found that every drive has its reference."""
+        return all(axis.homed for axis in self.found.values())
+
+    @property
+    def found_position(self) -> Position:
+        """Where the self-test found the machine."""
+        x_um, y_um, z_um, theta_deg = (self.found[name].position_units for name in AXES)
+        return Position(x_um, y_um, z_um, theta_deg)
+
+    @property
+    def standing(self) -> Position | None:
+        """Where the machine was when the drives were last asked how they are; None before that."""
+        at = {axis.name: axis.position_units for axis in self.axes}
+        return Position(at["x"], at["y"], at["z"], at["theta"]) if at else None
 
     @property
     def missing_answers(self) -> int:
@@ -105,23 +137,11 @@ async def open_hardware(config: Config, deadline: Deadline) -> Hardware:
         lights = await open_lights(config.lights, buses, deadline)
         stack.push_async_callback(lights.close)
         gantry = _gantry(config, buses)
-        found = await _beside(camera.open(deadline), gantry.start(deadline))
-        return Hardware(gantry, lights, camera, buses, stack.pop_all(), found, check_line_s(config, buses))
-
-
-async def _beside(short: Coroutine[Any, Any, None], long: Coroutine[Any, Any, T]) -> T:
-    """Do both at once and return what the long one brings; its error comes first, for it has more to say."""
-    other = asyncio.create_task(short)
-    try:
-        result = await long
-        await other
-        return result
-    finally:
-        if not other.done():
-            other.cancel()
-        await asyncio.wait([other])
-        if not other.cancelled():
-            other.exception()  # of two errors the first is told
+        meter = make_meter(config.meter)
+        if meter is not None:
+            stack.push_async_callback(meter.close)
+        found = await beside(camera.open(deadline), gantry.start(deadline))
+        return Hardware(gantry, lights, camera, buses, stack.pop_all(), found, check_line_s(config, buses), meter)
 
 
 async def open_buses(config: Config, stack: AsyncExitStack) -> dict[str, ModbusBus]:
@@ -230,4 +250,33 @@ def camera_config(section: CameraSection) -> CameraConfig:
         white_balance_k=section.white_balance_k,
         frame_timeout_s=section.frozen_ms / 1e3,
         open_timeout_s=section.open_ms / 1e3,
+    )
+
+
+def make_meter(section: MeterSection | None) -> Meter | None:
+    """Return the measuring instrument, not connected yet; None where none is configured."""
+    return None if section is None else ScpiMeter(meter_settings(section))
+
+
+async def open_meter(section: MeterSection, deadline: Deadline) -> Meter:
+    """Open the measuring instrument; raise MeterError when it does not answer or is another one."""
+    return await ScpiMeter.open(meter_settings(section), deadline)
+
+
+def meter_settings(section: MeterSection) -> MeterSettings:
+    """Return what the driver needs; every method is known, those of the section as it says."""
+    given = {method: section.methods.get(method, MeterMethodSection()) for method in Method}
+    return MeterSettings(
+        address=parse_address(section.address),
+        methods={
+            method: MethodSettings(one.function_of(method), one.range, one.nplc, one.commands, one.read)
+            for method, one in given.items()
+        },
+        baudrate=section.baudrate,
+        terminator=section.terminator,
+        answer_s=section.answer_ms / 1e3,
+        setup=section.setup,
+        model=section.model,
+        close_channels=section.close_channels,
+        open_channels=section.open_channels,
     )

@@ -6,11 +6,16 @@ that was measured for this board. Where none was, the head stays above the highe
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from daemon.config.model import Config
 from daemon.domain.board import Board
+from daemon.station.board_trust import BoardTrust
+from daemon.station.outline_distance import near
+from daemon.station.raised_pads import RaisedPads
 from daemon.storage.calibration_records import SurfaceRecord
 from daemon.storage.calibration_store import Calibrations
 from drivers.gantry import Position
@@ -21,15 +26,31 @@ EXTRAPOLATED_UM = 10_000.0
 """Farther than this from the touched places a surface counts as not measured."""
 TRUSTED_UM = 100.0
 """A measured surface is nowhere higher than its plane by more than this."""
+PAD_UM = 3_000.0
+"""Within this of its middle the reference pad, or the brush, is what the needle meets."""
 _TURNS = np.linspace(0.0, 2 * np.pi, 72, endpoint=False)
 _DIRECTIONS = np.array((np.cos(_TURNS), np.sin(_TURNS)))
+
+
+def beyond_um(places_um: ArrayLike, touched_um: Array) -> Array:
+    """Return how far places (..., 2) lie beyond all touches (N, 2), um: in the direction in which each is farthest."""
+    reach_um = (touched_um @ _DIRECTIONS).max(axis=0)
+    beyond: Array = (np.asarray(places_um, dtype=float) @ _DIRECTIONS - reach_um).max(axis=-1)
+    return beyond
 
 
 class Geometry:
     """Answer where to go and what to expect there; moves nothing."""
 
-    def __init__(self, config: Config, board: Board, calibrations: Calibrations) -> None:
+    def __init__(
+        self, config: Config, board: Board, calibrations: Calibrations, trust: BoardTrust | None = None
+    ) -> None:
+        """Take what tells whether the board in the nest is the one that was measured; None: nothing does."""
+        self._trust = trust or BoardTrust()
         self._board, self._calibrations, self._gantry = board, calibrations, config.gantry
+        pads = (pad for pad in (config.reference, config.brush) if pad is not None)
+        self._pads = [(np.array(pad.place_um), pad.z_um) for pad in pads if pad.z_um is not None]
+        self._raised = RaisedPads(board)
         self._nominal_head = config.head.model()
         self._nominal_pose = config.board.pose()
 
@@ -51,6 +72,13 @@ class Geometry:
             return self._nominal_pose.apply(board_um)
         turned = seen.scale * np.asarray(board_um, dtype=float) @ rotation(seen.theta_deg).T
         return np.add(turned, (seen.tx_um, seen.ty_um))
+
+    def robot_to_board_um(self, robot_um: ArrayLike) -> Array:
+        """Return places of the board, (2,) or (N, 2), by robot coordinates: as aligned, else nominal."""
+        origin, along_x, along_y = self.board_to_robot_um([(0.0, 0.0), (1e4, 0.0), (0.0, 1e4)])
+        axes = np.array((along_x - origin, along_y - origin)) / 1e4
+        board: Array = (np.asarray(robot_um, dtype=float) - origin) @ np.linalg.inv(axes)
+        return board
 
     # --- the head ---------------------------------------------------------------------------------------------
 
@@ -101,32 +129,65 @@ class Geometry:
         if in_force.void is not None or (laid_in is not None and record.made_at < laid_in.made_at):
             return None
         touched = np.array([(touch.x_um, touch.y_um) for touch in record.touches])
-        # In the direction in which the place is farthest beyond all touches
-        beyond_um = float(((np.asarray(robot_um, dtype=float) - touched) @ _DIRECTIONS).min(axis=0).max())
-        return self.height_um(robot_um) if beyond_um <= EXTRAPOLATED_UM else None
+        return self.height_um(robot_um) if float(beyond_um(robot_um, touched)) <= EXTRAPOLATED_UM else None
+
+    def stands_um(self, robot_um: ArrayLike) -> float:
+        """Return how high a pad about a place stands above the board's surface; 0 where none is known to."""
+        return 0.0 if self._raised.is_flat else self._raised.stands_um(self.robot_to_board_um(robot_um))
+
+    def stands_unknown(self, robot_um: ArrayLike) -> bool:
+        """Whether a soldered pad is about a place of which nobody has told how high it stands."""
+        return not self._raised.is_flat and self._raised.is_unknown(self.robot_to_board_um(robot_um))
 
     def look_z_um(self, robot_um: ArrayLike) -> float:
-        """Return Z for a look at a place: as far from the surface as the map was made, or free of any possible one."""
-        height_um = self.measured_um(robot_um)
+        """Return Z for a look at a place: as far from what the needle may meet as the map was made, or free of all."""
+        height_um, stands_um = self.measured_um(robot_um), self.stands_um(robot_um)
         if height_um is None:
-            return max(self._gantry.work_z_um, self._gantry.free_z_um)
-        return self._gantry.work_z_um + height_um
+            return max(self._gantry.work_z_um, self._gantry.free_z_um) + stands_um
+        return self._gantry.work_z_um + height_um + stands_um
 
     def up_z_um(self, position: Position) -> float:
-        """Return Z from which on the needle counts as up; where nothing is known by the lower one of both guesses."""
+        """Return Z from which on the needle counts as up; where nothing is known by the lower one of both guesses.
+
+        Over the reference pad or the brush it is as far above them, but no higher than looks are taken there.
+        """
         tip_um = self.tip_um(position)
         height_um = self.measured_um(tip_um)
         if height_um is None:
             height_um = min(0.0, max(self.height_um(tip_um), -self._gantry.surface_range_um))
-        return self._gantry.work_z_um + height_um
+        up_um = self._gantry.work_z_um + height_um + self.stands_um(tip_um)
+        pad_z_um = self._pad_z_um(tip_um)
+        if pad_z_um is None:
+            return up_um
+        hover_um = self._gantry.work_z_um - self._gantry.touch_z_um
+        return max(up_um, min(pad_z_um + hover_um, self.look_z_um(tip_um)))
 
     def surface_z_um(self, position: Position) -> float:
         """Return Z at which the needle meets the surface below it, as far as is known."""
-        return self._gantry.touch_z_um + (self.measured_um(self.tip_um(position)) or 0.0)
+        tip_um = self.tip_um(position)
+        pad_z_um = self._pad_z_um(tip_um)
+        if pad_z_um is not None:
+            return pad_z_um
+        return self._gantry.touch_z_um + (self.measured_um(tip_um) or 0.0) + self.stands_um(tip_um)
+
+    def _pad_z_um(self, tip_um: Array) -> float | None:
+        """Return Z at which the needle meets the reference pad or the brush below it; None where neither is told."""
+        below = (z_um for place_um, z_um in self._pads if np.hypot(*(tip_um - place_um)) <= PAD_UM)
+        return next(below, None)
+
+    def highest_pad_z_um(self, area_um: Array, reach_um: float) -> float:
+        """Return Z of the highest of reference pad and brush within `reach_um` of a convex area (N, 2); -inf: none.
+
+        One whose height is not told counts as no higher than the board.
+        """
+        near_it = (z_um for place_um, z_um in self._pads if near(area_um, place_um[None], reach_um + PAD_UM))
+        return max(near_it, default=-math.inf)
 
     def slow_z_um(self, position: Position) -> float:
         """Return Z below which the needle may meet the surface on its way down to `position`."""
-        height_um = self.measured_um(self.tip_um(position))
-        if height_um is None:
-            return self._gantry.highest_surface_um
-        return self._gantry.touch_z_um + height_um + TRUSTED_UM
+        tip_um = self.tip_um(position)
+        stands_um = self.stands_um(tip_um)
+        height_um = self.measured_um(tip_um) if self._trust.holds else None
+        if height_um is None or self.stands_unknown(tip_um):
+            return self._gantry.highest_surface_um + stands_um
+        return self._gantry.touch_z_um + height_um + stands_um + TRUSTED_UM

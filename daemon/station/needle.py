@@ -14,6 +14,11 @@ from enum import Enum
 
 from daemon.config.model import GantrySection
 from daemon.domain.errors import Fault, FaultCode
+from daemon.station.board_trust import BoardTrust
+from daemon.station.free_pin import FreePin
+from daemon.station.needle_health import NeedleHealth
+from daemon.station.sight import Sight
+from daemon.station.stand import Stand
 from drivers.gantry import Position
 
 HEIGHT_WINDOW_UM = 5.0
@@ -48,6 +53,16 @@ class Needle:
         self._position: Position | None = None
         self._z_um: float | None = None
         self._touching = False
+        self.board = BoardTrust()
+        """Whether the board below it is known to lie as it was measured."""
+        self.stand = Stand()
+        """Over which point it was put, and by whom."""
+        self.health = NeedleHealth()
+        """What the reference pad said of it."""
+        self.free_pin: FreePin | None = None
+        """Set while the pin may be pushed in: from before it goes down until it was seen free, or was homed."""
+        self.sight: Sight | None = None
+        """What the last look showed of target and needle; None once the head has moved."""
 
     def adopt(self, work_um: HeightAt, surface_um: HeightAt) -> None:
         """Judge by other heights from here on: of looks, and of the surface, um, each at a position of the head."""
@@ -62,8 +77,15 @@ class Needle:
 
     @property
     def z_um(self) -> float | None:
-        """Height that Z last reported; None where there is none to go by."""
+        """Height that Z last reported; None where there is none to go by, and while it moves."""
         return self._z_um if self.place is not NeedlePlace.UNKNOWN else None
+
+    def left_um(self, here: Position) -> float | None:
+        """Return the height below which it was not left; None where there is none to go by.
+
+        After a move that did not come to its end that is the height of looks, if it was up all the way.
+        """
+        return self._work_um(here) if self.is_up and self._z_um is None else self.z_um
 
     @property
     def is_up(self) -> bool:
@@ -97,9 +119,9 @@ class Needle:
 
     def departs(self, target: Position) -> None:
         """Hear of a move that begins. It is down from here on if the move leads there; up it is when it has arrived."""
-        self._position = None
+        self._position = self._z_um = self.sight = None
         if target.z_um < self._work_um(target) - HEIGHT_WINDOW_UM:
-            self._known, self._z_um = NeedlePlace.DOWN, None
+            self._known = NeedlePlace.DOWN
 
     def reported(self, position: Position) -> None:
         """Hear where the head is, of drives that have their reference.
@@ -115,6 +137,11 @@ class Needle:
             self._on_touch()
         self._touching = touching
 
+    def pumped(self) -> None:
+        """Hear of another push of the pin on the surface on which it stands; each wears it as a touch does."""
+        if self._touching:
+            self._on_touch()
+
     def touched(self) -> None:
         """Hear that it met a surface where none was known; it counts once, as any touch."""
         if not self._touching:
@@ -124,6 +151,9 @@ class Needle:
     def forget(self) -> None:
         """Hear that the reference is given up."""
         self._known, self._position, self._z_um = NeedlePlace.UNKNOWN, None, None
+        self.sight = None
+        self.board.end()
+        self.stand.forget()
 
 
 def heights(gantry: GantrySection) -> tuple[HeightAt, HeightAt]:

@@ -1,8 +1,8 @@
 """Station: gantry, lights and camera as one thing that looks and moves.
 
 A look takes two frames of one resting scene: white for the tip, red for the pads (thesis 5.3, 5.4). A frame counts
-only if its exposure began after the light, and the head before it, had settled. While red settles, the tip is already
-being searched in the white frame.
+only if its exposure began after the light, and the head before it, had settled. A light is switched as soon as the
+frame before is exposed; while it settles, that frame is fetched and decoded, and the tip is searched in it.
 """
 
 from __future__ import annotations
@@ -15,14 +15,20 @@ from daemon.config.model import Config
 from daemon.domain.board import BoardPoint
 from daemon.domain.errors import Fault, FaultCode
 from daemon.station.allowance import Clocked
+from daemon.station.beside import beside
+from daemon.station.board_view import BoardSearch, BoardSeen, see_board
 from daemon.station.devices import Hardware
+from daemon.station.frames import Frames
 from daemon.station.free_pin import FreePin
 from daemon.station.needle import HEIGHT_WINDOW_UM, Needle, heights
-from drivers.camera import Frame
+from drivers.camera import Exposed, Frame
 from drivers.deadline import Deadline
-from drivers.gantry import Position
+from drivers.errors import FrameLost
+from drivers.gantry import ClearHeight, Position
 from drivers.lights import Light
+from drivers.meter import Meter
 from vision import ControlPoint, NotFound, ProbeModel, Seen, Tip, find_control_point, find_test_points, find_tip
+from vision.annotate import Landing
 from vision.geometry import PoseMap
 
 HOMED_WITHIN_S = 2.0
@@ -36,8 +42,9 @@ LOOKS_FOR_FREE = 3
 class LookResult:
     """What one look brought: the frames, where the head was, the tip and what was looked for.
 
-    `tip` is None when no probe is taught; `seen` is what the red frame showed, `cross` what the white one did: each is
-    None where it was not looked for, or where there is no tip to search round.
+    `tip` is None when no probe is taught; `seen` is what the red frame showed, `board` where CAD lies in it, `cross`
+    what the white one showed, `landing` where the needle would come down: each is None where it was not looked for, or
+    where there is no tip to search round.
     """
 
     white: Frame
@@ -47,6 +54,8 @@ class LookResult:
     expected_tip_px: tuple[float, float] | None
     seen: Seen | None = None
     cross: ControlPoint | NotFound | None = None
+    board: BoardSeen | None = None
+    landing: Landing | None = None
 
 
 @dataclass(frozen=True)
@@ -63,7 +72,7 @@ class Search:
     ) -> Search:
         """Look round the place below the tip for a target of CAD's size; `height_um` is the surface's there."""
         scale = pose_map.scale_px_per_um(tip_px)
-        return cls(pose_map.below_px(height_um), reach_um * scale, point.diameter_um / 2 * scale)
+        return cls(pose_map.below_px(height_um), reach_um * scale, point.round_um / 2 * scale)
 
 
 @dataclass(frozen=True)
@@ -80,14 +89,13 @@ class Station:
 
     def __init__(self, config: Config, hardware: Hardware, needle: Needle | None = None) -> None:
         """Take the needle, which outlives a reload of the configuration; without one the station has its own."""
-        self._gantry_section, self._camera_section = config.gantry, config.camera
+        self._gantry_section, self._sense = config.gantry, config.sense
         self._hardware = hardware
+        self._frames = Frames(hardware, config.camera.timeout_ms / 1e3)
         self.needle = needle or Needle()
         """Where the needle is; told of every move and every position."""
         self.needle.adopt(*heights(config.gantry))
         self._resting_since_s = time.monotonic()
-        self._pressed: FreePin | None = None
-        """Set while the pin may be pushed in: from before it goes down to a surface until it was seen free again."""
 
     @property
     def exchanges(self) -> int:
@@ -98,6 +106,10 @@ class Station:
         """Read where the axes are."""
         with caller.watch.spend("bus"):
             return await self.read_position(caller.deadline)
+
+    async def last_position(self, caller: Clocked) -> Position:
+        """Return where the drives last said the axes are, or ask them: who stands needs not be asked again."""
+        return self.needle.position or await self.position(caller)
 
     async def read_position(self, deadline: Deadline) -> Position:
         """Read where axes that have their reference are, and let the needle know; nobody's waiting is booked."""
@@ -112,22 +124,24 @@ class Station:
         *,
         from_above: frozenset[str] = frozenset(),
         slow_z_um: float | None = None,
+        clear: ClearHeight | None = None,
     ) -> Position:
         """Move the head and return where the drives report it to be; cancelling stops it.
 
         Raises `Fault` for a target that is not straight above or below while the needle is not known to be up.
 
         `from_above`: axes that come to the target from above, against the rule; only who measures backlash wants that.
-        `slow_z_um`: Z below which it goes down slowly; None: where any possible surface may be. After a press nothing
-        moves sideways before the pin was seen free.
+        `slow_z_um`: Z below which it goes down slowly; None: where any possible surface may be. `clear`: who knows the
+        lowest Z of the way across; None: it goes at the safe height. After a press nothing moves sideways before the
+        pin was seen free.
         """
         self._hardware.gantry.check(target)
         if not self.needle.is_up:
-            self.needle.refuse_sideways(self.needle.position or await self.position(caller), target)
-        if self._pressed is not None and not _straight(await self.position(caller), target):
+            self.needle.refuse_sideways(await self.last_position(caller), target)
+        if self.needle.free_pin is not None and not _straight(await self.position(caller), target):
             await self.see_lifted(caller)
         with caller.watch.spend("motion"):
-            return await self._move(target, caller.deadline, from_above, slow_z_um)
+            return await self._move(target, caller.deadline, from_above, slow_z_um, clear)
 
     async def _move(
         self,
@@ -135,13 +149,17 @@ class Station:
         deadline: Deadline,
         from_above: frozenset[str] = frozenset(),
         slow_z_um: float | None = None,
+        clear: ClearHeight | None = None,
     ) -> Position:
         """Move, and let the needle know before and after."""
         self.needle.departs(target)
         try:
-            reached = await self._hardware.gantry.move_to(target, deadline, from_above=from_above, slow_z_um=slow_z_um)
+            reached = await self._hardware.gantry.move_to(
+                target, deadline, from_above=from_above, slow_z_um=slow_z_um, clear=clear
+            )
         finally:
             self._resting_since_s = time.monotonic()
+        self.needle.board.moved()
         self.needle.reported(reached)
         return reached
 
@@ -155,33 +173,55 @@ class Station:
 
     def pressing(self, free: FreePin) -> None:
         """Remember where the free tip is seen: from now on the pin may be pushed in."""
-        self._pressed = free
+        self.needle.free_pin = free
+
+    @property
+    def meter(self) -> Meter | None:
+        """The measuring instrument; None where the station has none."""
+        return self._hardware.meter
+
+    async def seen_at(self, position: Position, tip: Tip, caller: Clocked) -> None:
+        """Take a look's word that the pin came free after a press: the tip stands where it did before.
+
+        Nothing has moved sideways since a press that nobody has seen the end of, so that the place is the same. Where
+        a touch sense is fitted it is to agree.
+        """
+        free = self.needle.free_pin
+        if free is None or position.z_um < free.z_um - SAME_PLACE_UM or free.off_px(tip) > free.within_px:
+            return
+        if not self.has_sense or not await self.senses_metal(caller):
+            self.needle.free_pin = None
 
     async def see_lifted(self, caller: Clocked) -> None:
         """Lift straight up after a press, and see that the pin is free; raise `Fault` if it is not, or is not seen.
 
-        The drive's count is no proof: an axis that lost steps counts on.
+        The drive's count is no proof: an axis that lost steps counts on. Nor is a look of a push that is small: where
+        a touch sense is fitted, it is asked too.
         """
-        free = self._pressed
+        free = self.needle.free_pin
         if free is None:
             return
-        position = await self.position(caller)
+        # What the move before has reported is enough: what is proved is proved by the look.
+        position = await self.last_position(caller)
         if position.z_um < free.z_um:
             with caller.watch.spend("motion"):
                 position = await self._move(replace(position, z_um=free.z_um), caller.deadline)
-        off_px = 0.0
+        off_px: float | None = None
         for _ in range(LOOKS_FOR_FREE):
             tip = (await self.look_white(position, free.model, None, caller)).tip
             if not isinstance(tip, Tip):
-                raise Fault(
-                    FaultCode.TIP_NOT_FOUND,
-                    "after a press the tip was not found, so that nobody knows whether the needle lifted",
-                    advice="look at the needle, then `home`: it lifts Z to its switch before anything moves sideways",
-                )
+                continue  # a glint may hide it in one picture
             off_px = free.off_px(tip)
             if off_px <= free.within_px:
-                self._pressed = None
+                await self.refuse_metal(caller)
+                self.needle.free_pin = None
                 return
+        if off_px is None:
+            raise Fault(
+                FaultCode.TIP_NOT_FOUND,
+                "after a press the tip was not found, so that nobody knows whether the needle lifted",
+                advice="look at the needle, then `home`: it lifts Z to its switch before anything moves sideways",
+            )
         raise Fault(
             FaultCode.AXIS_STALLED,
             f"Z did not lift the needle: by its count it is at {position.z_um / 1e3:.2f} mm, but the tip stands "
@@ -191,6 +231,19 @@ class Station:
             off_px=round(off_px, 2),
         )
 
+    async def refuse_metal(self, caller: Clocked) -> None:
+        """Raise `Fault` if a needle that was lifted after a press still feels metal; without a sense nothing is asked.
+
+        Neither the drive's count nor a look tells a small rest of a push.
+        """
+        if self.needle.free_pin is not None and self.has_sense and await self.senses_metal(caller):
+            raise Fault(
+                FaultCode.AXIS_STALLED,
+                "Z may not have lifted the needle: by its count it is up, and the needle still feels metal ([sense])",
+                advice="lift Z by hand, see that nothing hangs on the needle or its wire, then `reset` and `home`",
+                axis="z",
+            )
+
     async def home(self, caller: Clocked) -> None:
         """Home all axes, Z first and up; where the needle is then is read back."""
         self.needle.forget()
@@ -199,7 +252,7 @@ class Station:
                 await self._hardware.gantry.home(caller.deadline)
             finally:
                 self._resting_since_s = time.monotonic()
-        self._pressed = None  # Z went up to its switch before anything else moved
+        self.needle.free_pin = None  # Z went up to its switch before anything else moved
         await self.position(caller)
 
     async def require_homed(self, caller: Clocked) -> None:
@@ -209,21 +262,64 @@ class Station:
         if not homed:
             raise Fault(FaultCode.NOT_HOMED)
 
+    @property
+    def has_sense(self) -> bool:
+        """Whether a touch sense is fitted."""
+        return self._sense.kind != "none"
+
+    async def senses_metal(self, caller: Clocked) -> bool:
+        """Ask the touch sense whether the needle stands on metal; only where one is fitted."""
+        with caller.watch.spend("bus"):
+            high = await self._hardware.gantry.raw_input("z", self._sense.input, caller.deadline)
+        return high == (self._sense.closed == "high")
+
     def check(self, target: Position) -> None:
         """Raise if the target is outside of what the machine may reach."""
         self._hardware.gantry.check(target)
 
-    async def look(self, position: Position, model: ProbeModel | None, search: Search, caller: Clocked) -> LookResult:
-        """Take white and red from where the head is and find tip and pads; nothing moves."""
-        white = await self.capture(Light.WHITE, caller)
-        tip_search = asyncio.create_task(asyncio.to_thread(_search_tip, white, model))
+    async def look(
+        self,
+        position: Position,
+        model: ProbeModel | None,
+        search: Search | BoardSearch,
+        caller: Clocked,
+        *,
+        moves_next: bool = False,
+    ) -> LookResult:
+        """Take white and red from where the head is, find the tip, and pads or the board; nothing moves.
+
+        moves_next: a move and another look will follow what is seen. So white is lit as soon as red is exposed, and
+        the drives are asked while the search goes on: the move finds both done.
+        """
+        on_its_way = await self._frames.expose(Light.WHITE, self._still_at_s, caller)
+        async with beside(self._tip_in(on_its_way, model, caller)) as tip_search:
+            on_its_way = await self._frames.expose(Light.RED, self._still_at_s, caller)
+            if moves_next:
+                await self.prepare_white(caller)
+            try:
+                white, tip = await tip_search
+            except FrameLost:  # the light has changed meanwhile: the next picture is none of white
+                white = await self.capture(Light.WHITE, caller)
+                tip = await asyncio.to_thread(_search_tip, white, model)
         try:
+            red = await self._frames.arrived(on_its_way, caller)
+        except FrameLost:
             red = await self.capture(Light.RED, caller)
-            tip = await tip_search
-        finally:
-            tip_search.cancel()
-        seen = await asyncio.to_thread(_search_pads, red, tip, search) if tip else None
-        return LookResult(white, red, position, tip, model.tip_px if model is not None else None, seen=seen)
+        look = LookResult(white, red, position, tip, model.tip_px if model is not None else None)
+        if not tip:
+            return look
+        async with beside(asyncio.to_thread(_search_red, red, tip, search)) as searching:
+            if moves_next:
+                await self.position(caller)
+            found = await searching
+        return replace(look, board=found) if isinstance(found, BoardSeen) else replace(look, seen=found)
+
+    async def _tip_in(
+        self, exposed: Exposed, model: ProbeModel | None, caller: Clocked
+    ) -> tuple[Frame, Tip | NotFound | None]:
+        """Wait for a frame that was exposed, and find the tip in it."""
+        white = await self._frames.arrived(exposed, caller)
+        return white, await asyncio.to_thread(_search_tip, white, model)
 
     async def look_white(
         self, position: Position, model: ProbeModel, cross: CrossSearch | None, caller: Clocked
@@ -235,19 +331,12 @@ class Station:
 
     async def capture(self, light: Light, caller: Clocked) -> Frame:
         """Take one frame that was exposed wholly after light and head had settled."""
-        lights = self._hardware.lights
-        with caller.watch.spend("bus"):
-            await lights.set(light, caller.deadline)
-        lit_at_s = time.monotonic() + lights.settle_s
-        still_at_s = self._resting_since_s + self._gantry_section.settle_ms / 1e3
-        asked_s = time.monotonic()
-        ready_s = max(lit_at_s, still_at_s)
-        patience_s = self._camera_section.timeout_ms / 1e3
-        frame = await self._hardware.camera.frame_after(ready_s, caller.deadline.within(ready_s - asked_s + patience_s))
-        caller.watch.book("light", ready_s - asked_s)
-        # Waiting for the exposure and for the camera to send it; decoding comes after that and is software.
-        caller.watch.book("exposure", frame.received_s - max(ready_s, asked_s))
-        return frame
+        return await self._frames.take(light, self._still_at_s, caller)
+
+    @property
+    def _still_at_s(self) -> float:
+        """When the head has come to rest after its last move."""
+        return self._resting_since_s + self._gantry_section.settle_ms / 1e3
 
     async def prepare_white(self, caller: Clocked) -> None:
         """Switch to white ahead of a move, so that the lamp is steady when the head is."""
@@ -304,8 +393,10 @@ def _search_white(
     return tip, find_control_point(white.pixels, around, cross.reach_px, cross.arm_px)
 
 
-def _search_pads(red: Frame, tip: Tip, search: Search) -> Seen:
-    """Run TDEA round the place below the tip."""
+def _search_red(red: Frame, tip: Tip, search: Search | BoardSearch) -> Seen | BoardSeen:
+    """Register the board, or run TDEA round the place below the tip."""
+    if isinstance(search, BoardSearch):
+        return see_board(red.pixels, tip, search)
     around = (tip.x_px + search.offset_px[0], tip.y_px + search.offset_px[1])
     return find_test_points(
         red.pixels,

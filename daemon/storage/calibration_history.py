@@ -12,7 +12,7 @@ from pathlib import Path
 
 import structlog
 
-from daemon.platform.atomic_file import flush_folder, make_folder, replace_whole
+from daemon.platform.atomic_file import FOR_THE_GROUP, flush_folder, make_folder, replace_whole
 from daemon.platform.clock import utc_now
 
 HISTORY_KEPT = 50
@@ -53,7 +53,7 @@ class History:
         except OSError as exc:
             if exc.errno not in _NO_LINKS:
                 raise
-            replace_whole(place, lambda beside: shutil.copyfile(file, beside))
+            replace_whole(place, lambda beside: shutil.copyfile(file, beside), FOR_THE_GROUP)
         try:
             flush_folder(self._folder)
         except OSError:

@@ -17,9 +17,11 @@ from typing import Any, Final, TypeVar
 import structlog
 
 from daemon.domain.board import Board
+from daemon.platform.plain_file import read_small
 from daemon.storage.alignment_void import why_void
 from daemon.storage.calibration_conditions import Conditions, dated_in_the_future
 from daemon.storage.calibration_records import (
+    MOST_BYTES,
     AlignmentRecord,
     MapRecord,
     Record,
@@ -161,7 +163,8 @@ def with_file(found: InForce, folder: Path, what: str) -> InForce:
 
 def read_probe(file: Path) -> tuple[ProbeModel, str]:
     """Return a probe and its fingerprint; ValueError if the file holds none, OSError if it cannot be read."""
-    return ProbeModel.load(file), hashlib.sha256(file.read_bytes()).hexdigest()[:16]
+    content = read_small(file, MOST_BYTES)  # before anybody else opens it: a pipe would be waited for without end
+    return ProbeModel.load(file), hashlib.sha256(content).hexdigest()[:16]
 
 
 def _skip(found: InForce, what: str, why: Exception) -> InForce:

@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
+from daemon.platform.plain_file import read_small
 from daemon.storage.calibration_conditions import Conditions
 
 FORMAT: Literal["reprobe-calibration-2"] = "reprobe-calibration-2"
@@ -141,6 +142,8 @@ class RotationRecord(Made):
     """Landings by the new model at angles that were not fitted, looked at afterwards."""
     sightings: tuple[SeenTarget, ...]
     limits: RotationLimits = RotationLimits()
+    legs: int = 1
+    """How many jobs measured it, each from where the one before was interrupted; looks and seconds are of all."""
 
 
 class Touch(_Part):
@@ -208,6 +211,33 @@ class AlignmentLimits(_Part):
     """Largest turn against the configuration."""
 
 
+class SeatLook(_Part):
+    """One look at a place of the seat: how much of it agreed with CAD, and what is most like it elsewhere."""
+
+    name: str
+    board_um: Pair
+    theta_deg: float
+    agreement: float
+    log_odds: float
+    turn_deg: float
+    rival: float
+    """How near another place of the board comes to being taken for it; from 1 on it would."""
+
+
+class Seat(_Part):
+    """How it was settled which board lies there, which side up, and how turned."""
+
+    verified: bool
+    """Whether two places or more were seen that are found once on the board."""
+    places: int
+    agreement: float
+    """The least of all looks."""
+    looks: tuple[SeatLook, ...] = ()
+    ink_um: Pair = (0.0, 0.0)
+    """By how much ink lies off the copper on this board."""
+    openings_um: Pair = (0.0, 0.0)
+
+
 class AlignmentRecord(Made):
     """Where the board lies."""
 
@@ -223,15 +253,19 @@ class AlignmentRecord(Made):
     board_id: str | None = None
     """Which board it was, if the client said so."""
     limits: AlignmentLimits = AlignmentLimits()
+    seat: Seat | None = None
+    """None: aligned without CAD's layers, by round targets alone."""
 
 
+MOST_BYTES = 16_000_000
+"""No file of a calibration is larger."""
 Record = MapRecord | RotationRecord | SurfaceRecord | BacklashRecord | AlignmentRecord
 _RECORDS: TypeAdapter[Record] = TypeAdapter(Annotated[Record, Field(discriminator="what")])
 
 
 def read_record(path: Path) -> Record:
     """Read a record; ValueError that names the file if it holds none, OSError if it cannot be read."""
-    return parse_record(path.read_bytes(), path.name)
+    return parse_record(read_small(path, MOST_BYTES), path.name)
 
 
 def parse_record(text: str | bytes, name: str) -> Record:

@@ -6,12 +6,23 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from daemon.platform.atomic_file import replace_whole
+from daemon.platform.atomic_file import FOR_THE_GROUP, replace_whole
+from daemon.platform.plain_file import read_small
 from daemon.storage.calibration_in_force import record_file
-from daemon.storage.calibration_records import Pair, RotationRecord, SeenTarget, Stop, read_record
+from daemon.storage.calibration_records import MOST_BYTES, Pair, RotationRecord, SeenTarget, Stop, read_record
 
 _FILE = "rotation.partial.json"
 _RUN = {"station", "probe", "map_made_at", "control_um", "angles"}
+
+
+class Spent(BaseModel):
+    """What a run took in all its legs so far; a leg ends where the run was interrupted."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    seconds: float = 0.0
+    looks: int = 0
+    legs: int = 0
 
 
 class Partial(BaseModel):
@@ -27,6 +38,7 @@ class Partial(BaseModel):
     card_height_um: float
     stops: tuple[Stop, ...]
     sightings: tuple[SeenTarget, ...]
+    spent: Spent = Spent()
 
     def same_run(self, other: Partial) -> bool:
         """Tell whether both are of the same station, probe, map, control point and angles."""
@@ -35,7 +47,7 @@ class Partial(BaseModel):
     def write(self, folder: Path) -> None:
         """Keep it, whole or not at all; OSError if it cannot be written."""
         text = self.model_dump_json()
-        replace_whole(folder / _FILE, lambda path: path.write_text(text))
+        replace_whole(folder / _FILE, lambda path: path.write_text(text), FOR_THE_GROUP)
 
     @classmethod
     def read(cls, folder: Path) -> Partial | None:
@@ -44,7 +56,7 @@ class Partial(BaseModel):
         A run whose stops are those of the present rotation is over, even if its file could not be removed.
         """
         try:
-            left = cls.model_validate_json((folder / _FILE).read_bytes())
+            left = cls.model_validate_json(read_small(folder / _FILE, MOST_BYTES))
         except (OSError, ValidationError):
             return None
         return None if left.is_over(folder) else left

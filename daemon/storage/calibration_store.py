@@ -18,7 +18,7 @@ import structlog
 
 from daemon.domain.board import Board
 from daemon.domain.errors import Fault, FaultCode
-from daemon.platform.atomic_file import flush_folder, written_beside
+from daemon.platform.atomic_file import FOR_THE_GROUP, flush_folder, written_beside
 from daemon.platform.clock import utc_now
 from daemon.storage import alignment_void
 from daemon.storage.calibration_conditions import Conditions
@@ -87,7 +87,7 @@ class Calibrations:
         with self._writing:
             # What a later start will read is judged and taken, not what was meant to be written.
             new = self.in_force.with_record(parse_record(text, file.name))
-            with written_beside(file, lambda path: path.write_text(text, encoding="utf-8")) as beside:
+            with written_beside(file, lambda path: path.write_text(text, encoding="utf-8"), FOR_THE_GROUP) as beside:
                 (kept,) = self._replace(file, beside, [file])
             self.in_force = new
             self._history.prune(record.what)
@@ -105,7 +105,7 @@ class Calibrations:
         """
         file, void = probe_file(self.folder), [self.file(what) for what in OF_THE_PROBE]
         with self._writing:
-            with written_beside(file, lambda path: _write_probe(model, path)) as beside:
+            with written_beside(file, lambda path: _write_probe(model, path), FOR_THE_GROUP) as beside:
                 new = self.in_force.with_probe(*read_probe(beside))
                 self._replace(file, beside, void)
             for what in OF_THE_PROBE:
@@ -210,7 +210,10 @@ class Calibrations:
             raise Fault(FaultCode.NOT_ALIGNED, f"no correction before the board is aligned: {now.void}")
         aligned = now.alignment(board)
         if board_id is not None and (aligned is None or aligned.board_id != board_id):
-            raise Fault(FaultCode.NOT_ALIGNED, f"board {board_id} has not been aligned", board_id=board_id)
+            advice = f"send `align` for it (`board_id`, typed --board-id {board_id}); see that it lies flat"
+            raise Fault(
+                FaultCode.NOT_ALIGNED, f"board {board_id} has not been aligned", advice=advice, board_id=board_id
+            )
 
     def require_probe(self) -> ProbeModel:
         """Return the taught probe or say that there is none."""

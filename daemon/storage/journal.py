@@ -13,7 +13,8 @@ from __future__ import annotations
 import asyncio
 import json
 import sqlite3
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
@@ -22,25 +23,47 @@ from typing import Any, NamedTuple, TypeVar
 import structlog
 
 from daemon.domain.errors import Fault, FaultCode
+from daemon.domain.point_mark import PointMark
+from daemon.domain.point_test import PadWear, PointRecord
 from daemon.domain.results import JobResult
 from daemon.platform.clock import utc_now
 from daemon.storage.event_numbers import BLOCK, SPARE, EventNumbers
-from daemon.storage.journal_file import FileLost, JournalFile
+from daemon.storage.journal_file import FileLost, JournalFile, NotAFile
 from daemon.storage.journal_schema import BUSY_MS, is_damage, set_meta
 from daemon.storage.pinned_state import PinnedState
+from daemon.storage.point_marks import PointMarks
+from daemon.storage.record_stream import RecordStream, trim_records
+from daemon.storage.run_journal import RunJournal
 
 SEQ_BLOCK = BLOCK
 JOBS_KEPT = 200_000
 REPORTS_KEPT = 50_000
 ALERTS_KEPT = 10_000
+TOUCHES_KEPT = 500_000
+ORDERS_KEPT = 200_000
+POINTS_KEPT = 500_000
+RUNS_KEPT = 50_000
+TOUCH_FACTS = frozenset(
+    {
+        "z_end_um", "pressed_um", "force_n", "speed_um_s", "ended_by", "verdict", "value", "unit", "presses", "proof",
+        "reading",
+    }
+)  # fmt: skip
+"""Columns of a touch that are known after it began."""
+MAX_ROW = 2**63 - 1
 TRIM_EACH = 2_000
 """At most so many rows of a table go at once: the writer thread must not be held up."""
+VERIFY_LOG_EVERY_S = 10.0
+"""So often the whole write-ahead log is read: some 4 MB at most, which takes some ms beside the event loop."""
 NEXT_SEQ = "next_seq"
 PINNED = frozenset({"reference_doubt"})
 """Things kept that a full disk must not keep out; they must be small."""
 LOST_ADVICE = "`reset` writes the journal to its place again; find out who deleted or replaced it"
 FULL_ADVICE = "free disk space; the daemon goes on by itself"
+PLACE_ADVICE = "move away what lies there; the daemon goes on by itself"
+DENIED_ADVICE = "see that its folder is there and that the daemon's user may write; the daemon goes on by itself"
 DAMAGE_ADVICE = "`reset` moves the damaged file aside and begins a new journal"
+_DENIED = frozenset({sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_PERM, sqlite3.SQLITE_READONLY})
 T = TypeVar("T")
 log = structlog.get_logger(__name__)
 
@@ -50,6 +73,20 @@ class StoredJob(NamedTuple):
 
     request: str
     result: JobResult | None
+
+
+class PastWanted(NamedTuple):
+    """Which results are looked for; None: any."""
+
+    op: str | None = None
+    test_point: str | None = None
+    board_id: str | None = None
+    outcome: str | None = None
+
+
+_BOARD = "json_extract(request, '$.board_id')"
+_COLUMNS = PastWanted("op", "json_extract(result, '$.test_point')", _BOARD, "json_extract(result, '$.outcome')")
+"""As the indices have them."""
 
 
 class Journal:
@@ -64,6 +101,13 @@ class Journal:
         self._reserving: asyncio.Task[None] | None = None
         self._trouble: Fault | None = None
         self._goes_on_by_itself = True
+        self._verify_at_s = 0.0
+        self.runs = RunJournal(self._run)
+        """Runs over boards, and the records of their points."""
+        self.marks = PointMarks(self._run)
+        """What people said of points of boards."""
+        self.stream = RecordStream(self._run)
+        """All that is kept, in one order and under one count."""
         self.troubled = asyncio.Event()
         """Set when trouble begins; who looks after the journal waits for it and clears it."""
 
@@ -93,7 +137,7 @@ class Journal:
             raise
         except (sqlite3.Error, OSError) as exc:
             self._note_trouble(exc)
-            with suppress(sqlite3.Error):
+            with suppress(sqlite3.Error, OSError):
                 self._file.open_to_read()
         self._numbers.begin(self._file.first_seq)
 
@@ -134,7 +178,7 @@ class Journal:
         """Look whether the journal is in its place and has room; in trouble, try to go on. Return what is wrong."""
         if self._trouble is None:
             with suppress(Fault):
-                await self._run(lambda _db: self._file.require_room())
+                await self._run(lambda _db: self._look())
             if self._trouble is None:
                 return None
         if self._goes_on_by_itself:
@@ -143,6 +187,13 @@ class Journal:
             with suppress(sqlite3.Error, OSError):
                 await self._in_writer(self._file.rescue)
         return self._trouble
+
+    def _look(self) -> None:
+        """Raise if there is no room, or now and then if the write-ahead log was changed by somebody else."""
+        self._file.require_room()
+        if time.monotonic() >= self._verify_at_s:
+            self._file.verify_log()
+            self._verify_at_s = time.monotonic() + VERIFY_LOG_EVERY_S
 
     async def mend(self) -> Fault | None:
         """Do what a person's `reset` asks for: put back what was deleted, begin again where it is damaged."""
@@ -163,9 +214,8 @@ class Journal:
 
     def _note_trouble(self, exc: Exception) -> Fault:
         """Remember what is wrong; the first cause stays, unless the file was lost or is damaged."""
-        damaged = isinstance(exc, sqlite3.Error) and is_damage(exc)
-        by_itself = not (isinstance(exc, FileLost) or damaged)
-        advice = FULL_ADVICE if by_itself else DAMAGE_ADVICE if damaged else LOST_ADVICE
+        by_itself = not (isinstance(exc, FileLost) or (isinstance(exc, sqlite3.Error) and is_damage(exc)))
+        advice = _advice(exc)
         fault = Fault(FaultCode.JOURNAL_FAILED, f"the journal cannot be written: {exc}"[:300], advice=advice)
         if self._trouble is None or (self._goes_on_by_itself and not by_itself):
             self._trouble, self._goes_on_by_itself = fault, by_itself
@@ -257,6 +307,17 @@ class Journal:
         rows = await self._run(lambda db: db.execute(sql, (since, limit)).fetchall())
         return [JobResult.model_validate_json(row[0]) for row in rows]
 
+    async def history(self, wanted: PastWanted, before: int | None, limit: int) -> list[tuple[JobResult, str | None]]:
+        """Return results below event number `before`, newest first, each with the board its request named."""
+        asked = [(column, value) for column, value in zip(_COLUMNS, wanted, strict=True) if value is not None]
+        where = " AND ".join(["seq IS NOT NULL", *(f"{column}=?" for column, _ in asked)])
+        values: list[str | int] = [value for _, value in asked]
+        if before is not None:
+            where, values = f"{where} AND seq<?", [*values, before]
+        sql = f"SELECT result, {_BOARD} FROM jobs WHERE {where} ORDER BY seq DESC LIMIT ?"  # noqa: S608  # our columns
+        rows = await self._run(lambda db: db.execute(sql, (*values, limit)).fetchall())
+        return [(JobResult.model_validate_json(result), board) for result, board in rows]
+
     async def last_result(self) -> JobResult | None:
         """Return the newest result."""
         sql = "SELECT result FROM jobs WHERE seq IS NOT NULL ORDER BY seq DESC LIMIT 1"
@@ -281,6 +342,103 @@ class Journal:
         )
         row = await self._run(lambda db: db.execute(sql).fetchone())
         return int(row[0])
+
+    # --- orders -----------------------------------------------------------------------------------------------
+
+    async def begin_order(self, client: str, role: str, by: str | None, op: str, fields: str) -> int:
+        """Write down who gave an order, with its fields as JSON, before it is carried out; return its number."""
+        row = (utc_now(), client, role, by, op, fields)
+        sql = "INSERT INTO orders(at, client, role, by, op, fields) VALUES (?,?,?,?,?,?)"
+        return int(await self._run(lambda db: db.execute(sql, row).lastrowid or 0))
+
+    async def end_order(self, number: int, outcome: str) -> None:
+        """Write down what came of an order."""
+        await self._run(lambda db: db.execute("UPDATE orders SET outcome=? WHERE n=?", (outcome, number)))
+
+    async def orders(self, before: int | None, limit: int) -> list[dict[str, Any]]:
+        """Return orders of a number below `before`, newest first."""
+        sql = "SELECT n, at, client, role, by, op, fields, outcome FROM orders WHERE n<? ORDER BY n DESC LIMIT ?"
+        bound = MAX_ROW if before is None else before
+        rows = await self._run(lambda db: db.execute(sql, (bound, limit)).fetchall())
+        names = ("n", "at", "client", "role", "by", "op", "fields", "outcome")
+        return [dict(zip(names, row, strict=True)) | {"fields": json.loads(row[6])} for row in rows]
+
+    # --- touches ----------------------------------------------------------------------------------------------
+
+    async def begin_touch(
+        self, job_id: str, board_id: str | None, point: str, *, visit: str | None = None, rung: str | None = None
+    ) -> int:
+        """Write a touch down before the needle goes down, so that a kill loses none; return its number.
+
+        `visit`: the test of the point, over restarts, of which it is a part. `rung`: why it is touched.
+        """
+        row = (utc_now(), job_id, board_id, point, visit, rung)
+        sql = "INSERT INTO touches(at, job, board_id, point, visit, rung) VALUES (?,?,?,?,?,?)"
+        return int(await self._run(lambda db: db.execute(sql, row).lastrowid or 0))
+
+    async def tell_touch(self, number: int, facts: Mapping[str, Any]) -> None:
+        """Write down what came of a touch, by names of `TOUCH_FACTS`; ValueError for another one."""
+        if not TOUCH_FACTS.issuperset(facts):
+            raise ValueError(f"a touch has no {', '.join(sorted(facts.keys() - TOUCH_FACTS))}")
+        columns = ", ".join(f"{name}=?" for name in facts)
+        row = (*facts.values(), number)
+        await self._run(lambda db: db.execute(f"UPDATE touches SET {columns} WHERE n=?", row))  # noqa: S608  # our names
+
+    async def touches_of(self, board_id: str | None, point: str, since: str) -> int:
+        """Return how often a pad was touched: of a named board in its life, and by any name since a time; "" for ever.
+
+        `since`: when the board was laid in; what was touched after that was this board, whoever named it or not.
+        """
+        sql = "SELECT count(*) FROM touches WHERE point=? AND (board_id=? OR at>=?)"
+        row = await self._run(lambda db: db.execute(sql, (point, board_id, since)).fetchone())
+        return int(row[0])
+
+    async def wear_of(self, board_id: str | None, point: str, since: str, visit: str) -> PadWear:
+        """Return how often a pad was touched and pressed, in all as `touches_of` counts, and in one visit."""
+        sql = (
+            "SELECT count(*), coalesce(sum(presses), 0), coalesce(sum(visit IS ?1), 0),"
+            " coalesce(sum(presses * (visit IS ?1)), 0) FROM touches WHERE point=?2 AND (board_id=?3 OR at>=?4)"
+        )
+        row = await self._run(lambda db: db.execute(sql, (visit, point, board_id, since)).fetchone())
+        return PadWear(*map(int, row))
+
+    # --- points -----------------------------------------------------------------------------------------------
+
+    async def mark_of(self, board: str, side: str, point: str) -> PointMark | None:
+        """Return what a person said of a point of a board; None: nothing."""
+        return await self.marks.of_point(board, side, point)
+
+    async def add_point(self, job_id: str, record: PointRecord) -> int:
+        """Write down what came of a point's test; return the row's number."""
+        row = (
+            record.at,
+            job_id,
+            record.run,
+            record.board_id,
+            record.point,
+            record.verdict.value,
+            record.model_dump_json(),
+        )
+        sql = "INSERT INTO points(at, job, run, board_id, point, verdict, record) VALUES (?,?,?,?,?,?,?)"
+        return int(await self._run(lambda db: db.execute(sql, row).lastrowid or 0))
+
+    async def points_of(self, run: str, since: int, limit: int) -> list[tuple[int, str, PointRecord]]:
+        """Return the points of a run with numbers from `since` on, in the order of their tests: number, job, record."""
+        sql = "SELECT n, job, record FROM points WHERE run=? AND n>=? ORDER BY n LIMIT ?"
+        rows = await self._run(lambda db: db.execute(sql, (run, since, limit)).fetchall())
+        return [(int(n), job, PointRecord.model_validate_json(record)) for n, job, record in rows]
+
+    async def tests_of(
+        self, point: str, board_id: str | None, before: int | None, limit: int
+    ) -> list[tuple[int, str, PointRecord]]:
+        """Return the tests of a point, newest first, on one board or all, of lower numbers than `before`."""
+        sql = (
+            "SELECT n, job, record FROM points WHERE point=?1 AND (?2 IS NULL OR board_id=?2) AND n<?3"
+            " ORDER BY n DESC LIMIT ?4"
+        )
+        values = (point, board_id, before if before is not None else 2**63 - 1, limit)
+        rows = await self._run(lambda db: db.execute(sql, values).fetchall())
+        return [(int(n), job, PointRecord.model_validate_json(record)) for n, job, record in rows]
 
     async def add_alert(self, seq: int, body: dict[str, Any]) -> None:
         """Write down an alert."""
@@ -364,13 +522,19 @@ class Journal:
     async def _run(self, work: Callable[[sqlite3.Connection], T]) -> T:
         """Do `work` in the writer thread; a failing disk is a `Fault`, and trouble."""
         try:
-            return await self._in_writer(lambda: self._file.do(work))
+            return await self._in_writer(lambda: self._do(work))
         except sqlite3.IntegrityError as exc:
             raise Fault(FaultCode.JOURNAL_FAILED, f"the journal answers: {exc}") from exc
         except (sqlite3.Error, OSError) as exc:
             fault = self._note_trouble(exc)
             self.troubled.set()
             raise fault from exc
+
+    def _do(self, work: Callable[[sqlite3.Connection], T]) -> T:
+        """Do `work` in the writer thread, in the circumstances that were set last."""
+        if self.stream.is_pending and self._file.is_writable:
+            self._file.do(self.stream.write_pending)
+        return self._file.do(work)
 
     async def _in_writer(self, work: Callable[[], T]) -> T:
         return await asyncio.get_running_loop().run_in_executor(self._writer, work)
@@ -396,13 +560,15 @@ def _trim(db: sqlite3.Connection, measurements_kept: int) -> int:
     gone = 0
     db.execute("BEGIN")
     try:
-        for table, kept in (("measurements", measurements_kept), ("reports", REPORTS_KEPT)):
+        for table, kept in (("measurements", measurements_kept), ("reports", REPORTS_KEPT), ("touches", TOUCHES_KEPT),
+                            ("points", POINTS_KEPT), ("runs", RUNS_KEPT), ("orders", ORDERS_KEPT)):  # fmt: skip
             rows = _oldest(db, table, "n", kept)
             if rows and table == "reports":
                 sql = "SELECT coalesce(sum(touches), 0) FROM reports WHERE n<=?"
                 _add_meta(db, "touches_trimmed", int(db.execute(sql, (rows,)).fetchone()[0]))
             gone += db.execute(f"DELETE FROM {table} WHERE n<=?", (rows,)).rowcount  # noqa: S608  # names are ours
         gone += db.execute("DELETE FROM alerts WHERE seq<=?", (_oldest(db, "alerts", "seq", ALERTS_KEPT),)).rowcount
+        gone += trim_records(db)
         last = (_oldest(db, "jobs", "rowid", JOBS_KEPT),)
         db.execute("DELETE FROM steps WHERE job IN (SELECT id FROM jobs WHERE rowid<=? AND result IS NOT NULL)", last)
         gone += db.execute("DELETE FROM jobs WHERE rowid<=? AND result IS NOT NULL", last).rowcount
@@ -427,3 +593,17 @@ def _add_meta(db: sqlite3.Connection, key: str, more: int) -> None:
     """Add to one number."""
     sql = "INSERT INTO meta VALUES (?, ?) ON CONFLICT(key) DO UPDATE SET value=value+excluded.value"
     db.execute(sql, (key, more))
+
+
+def _advice(exc: Exception) -> str:
+    """Return what to do about a journal in trouble."""
+    if isinstance(exc, FileLost):
+        return LOST_ADVICE
+    if isinstance(exc, NotAFile):
+        return PLACE_ADVICE
+    if isinstance(exc, sqlite3.Error):
+        if is_damage(exc):
+            return DAMAGE_ADVICE
+        if int(getattr(exc, "sqlite_errorcode", 0)) & 0xFF in _DENIED:
+            return DENIED_ADVICE
+    return FULL_ADVICE

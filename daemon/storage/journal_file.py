@@ -7,14 +7,16 @@ after each piece of work the file at the path is compared with the one that was 
 from __future__ import annotations
 
 import os
+import shutil
 import sqlite3
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
 from daemon.platform.atomic_file import flush_folder
 from daemon.storage.journal_schema import close_file, is_damage, move_aside, open_file
+from daemon.storage.write_ahead_log import HEAD_BYTES, LogSum
 
 ROOM_BYTES = 256 * 1024
 """A job is taken only while there is so much room: its looks and its result need some 20 kB."""
@@ -24,6 +26,10 @@ T = TypeVar("T")
 
 class FileLost(OSError):
     """The file is not the one that was opened; only a person may say that work goes on."""
+
+
+class NotAFile(OSError):
+    """What lies at the path is no file, and nobody can open it: a folder, a pipe, a link to nothing."""
 
 
 class NoRoom(OSError):
@@ -47,6 +53,9 @@ class JournalFile:
         self._wal = path.with_name(f"{path.name}-wal")
         self._db: sqlite3.Connection | None = None
         self._seen: tuple[_Seen, _Seen] | None = None
+        self._log_head = b""
+        self._log_sum = LogSum(self._wal)
+        self._log_changed = False
         self._damaged = False
         self.moved_to: Path | None = None
         self.moved_because = ""
@@ -60,15 +69,19 @@ class JournalFile:
 
     def open(self) -> None:
         """Open or create it for writing; a damaged one is moved aside: see `moved_to`."""
+        self._require_file()
         opened = open_file(self._path)
         self._close_silently()
         self._db, self.first_seq, self._damaged = opened.db, max(self.first_seq, opened.next_seq), False
         if opened.moved_to is not None:
             self.moved_to, self.moved_because = opened.moved_to, opened.why
-        self._seen = self._look()
+        self._seen, self._log_head, self._log_changed = self._look(), _head(self._wal), False
+        self._log_sum.forget()
+        self._log_sum.follow()
 
     def open_to_read(self) -> None:
         """Open it as it is, for a disk on which nothing can be written."""
+        self._require_file()
         # Even a reader wants to write beside a WAL; without one the file can be read as if it never changed.
         ways = ("mode=ro", "mode=ro&immutable=1") if not _seen(self._wal).size else ("mode=ro",)
         errors: list[sqlite3.Error] = []
@@ -81,6 +94,14 @@ class JournalFile:
                 errors.append(exc)
         raise errors[-1]
 
+    def _require_file(self) -> None:
+        """Raise `NotAFile` if something else lies at the path; to open a pipe would wait without end."""
+        if self._path.exists():
+            if not self._path.is_file():
+                raise NotAFile(f"{self._path} is no file")
+        elif self._path.is_symlink():
+            raise NotAFile(f"{self._path} is a link to nothing")
+
     def do(self, work: Callable[[sqlite3.Connection], T]) -> T:
         """Do a piece of work; raise `FileLost` if it went, or would go, into another file than the one at the path."""
         if self._db is None:
@@ -90,6 +111,7 @@ class JournalFile:
             done = work(self._db)
         except sqlite3.Error as exc:
             self._damaged = self._damaged or is_damage(exc)
+            self._log_sum.forget()
             raise
         finally:
             self._note()
@@ -104,6 +126,13 @@ class JournalFile:
                 raise FileLost(f"{path} was deleted or replaced while the daemon was at work")
             if now != was and path == self._path:
                 raise FileLost(f"{path} was written by somebody else while the daemon was at work")
+        if self._log_is_spoilt():
+            raise FileLost(f"{self._wal} was written over while the daemon was at work")
+
+    def verify_log(self) -> None:
+        """Read the whole write-ahead log; raise `FileLost` if a byte of it is not what was written."""
+        self._log_changed = self._log_changed or (self.is_writable and not self._log_sum.is_kept())
+        self.look_after()
 
     def _note(self) -> None:
         """Remember how the file is after own work; raise `FileLost` if it went into another."""
@@ -113,7 +142,9 @@ class JournalFile:
         for was, is_now, path in zip(self._seen, now, (self._path, self._wal), strict=True):
             if is_now[:2] != was[:2]:
                 raise FileLost(f"{path} was deleted or replaced while the daemon was at work")
-        self._seen = now
+        if now[1] != self._seen[1]:
+            self._log_sum.follow()
+        self._seen, self._log_head = now, _head(self._wal)
 
     def _look(self) -> tuple[_Seen, _Seen]:
         return _seen(self._path), _seen(self._wal)
@@ -139,8 +170,10 @@ class JournalFile:
         lost = self._lost()
         if lost and self._is_unlinked() and self._db is not None and not self._damaged:
             self._put_back(self._db)
+        elif lost and self._log_is_spoilt() and self._seen is not None and _seen(self._path) == self._seen[0]:
+            self._go_back()
         elif lost and self._is_only_touched():
-            self._seen = self._look()
+            self._seen, self._log_head = self._look(), _head(self._wal)
         elif lost:
             self._begin_again("written by somebody else while the daemon was at work")
         elif self._damaged or not self.is_writable:
@@ -168,6 +201,13 @@ class JournalFile:
         return self._seen is not None and any(
             was[:2] != now[:2] for was, now in zip(self._seen, self._look(), strict=True)
         )
+
+    def _log_is_spoilt(self) -> bool:
+        """Tell whether the log is shorter than it was left, begins otherwise or was found changed: it only grows."""
+        if self._seen is None:
+            return False
+        was, now = self._seen[1], _seen(self._wal)
+        return self._log_changed or now.size < was.size or (was.size > 0 and _head(self._wal) != self._log_head)
 
     def _is_only_touched(self) -> bool:
         """Tell whether the file is sound and as long as it was, though the time of its last change is another."""
@@ -198,6 +238,26 @@ class JournalFile:
         whole.replace(self._path)
         flush_folder(self._path.parent)
         self.open()
+
+    def _go_back(self) -> None:
+        """Go on with the file as it is on the disk, and with what SQLite takes of its log: whole, up to the damage.
+
+        What has both is moved aside, and nothing that SQLite still holds of the log gets into the new file.
+        """
+        before = self._path.with_name(f"{self._path.name}-before")
+        shutil.copyfile(self._path, before)
+        with suppress(FileNotFoundError):
+            shutil.copyfile(self._wal, before.with_name(f"{before.name}-wal"))
+        with closing(sqlite3.connect(before)) as taken:
+            taken.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        with before.open("rb") as file:
+            os.fsync(file.fileno())
+        moved = self._part(keep_own=True)
+        before.replace(self._path)
+        flush_folder(self._path.parent)
+        self.open()
+        why = "its write-ahead log was written over while the daemon was at work: what was written last is lost"
+        self.moved_to, self.moved_because = moved or self.moved_to, why
 
     def _begin_again(self, why: str) -> None:
         """Move aside what nobody can trust, and begin a new journal."""
@@ -254,3 +314,12 @@ def _seen(path: Path) -> _Seen:
     except OSError:
         return _Seen(0, 0)
     return _Seen(found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns)
+
+
+def _head(log: Path) -> bytes:
+    """Return the head of a write-ahead log: it stays as long as the log only grows. No lock of SQLite's is on it."""
+    try:
+        with log.open("rb") as file:
+            return file.read(HEAD_BYTES)
+    except OSError:
+        return b""

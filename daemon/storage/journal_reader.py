@@ -14,7 +14,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+from daemon.domain.board_run import BoardRun
+from daemon.domain.point_test import PointRecord
 from daemon.storage.journal_schema import SCHEMA_VERSION
+from daemon.storage.run_journal import find_run
 
 PAGE = 200
 NEEDED = {
@@ -127,10 +130,33 @@ class JournalReader:
 
     def measurements(self, since: str, before: str) -> Iterator[tuple[str, int, dict[str, Any]]]:
         """Yield (at, touches, what was measured) from `since` on and before `before`, UTC, ISO 8601, oldest first."""
-        if self._rows("SELECT 1 FROM sqlite_master WHERE name = 'measurements'", ()):
+        if self._has("measurements"):
             where, values = ["at >= ?", "at < ?"], [since, before]
             for at, touches, body in self._pages("measurements", "at, touches, body", where, values):
                 yield at, touches, json.loads(body)
+
+    def run(self, run_id: str) -> BoardRun | None:
+        """Find a run by its id, by that of a job that worked on it, or, as `last`, the newest."""
+        try:
+            return find_run(self._db, run_id) if self._has("runs") else None
+        except sqlite3.DatabaseError as exc:
+            raise _unreadable(self.file, exc) from exc
+
+    def run_ids(self, count: int) -> list[str]:
+        """Return the ids of the newest runs, newest first."""
+        if not self._has("runs"):
+            return []
+        return [row[0] for row in self._rows("SELECT id FROM runs ORDER BY n DESC LIMIT ?", (count,))]
+
+    def points(self, run_id: str) -> Iterator[PointRecord]:
+        """Yield the records of a run's points in the order of their tests."""
+        if self._has("points"):
+            for (record,) in self._pages("points", "record", ["run = ?"], [run_id]):
+                yield PointRecord.model_validate_json(record)
+
+    def _has(self, table: str) -> bool:
+        """Whether the file is new enough to have a table."""
+        return bool(self._rows("SELECT 1 FROM sqlite_master WHERE name = ?", (table,)))
 
     def _pages(
         self, table: str, columns: str, where: list[str], values: list[Any], *, newest_first: bool = False

@@ -6,17 +6,24 @@ that is damaged is moved aside with all that belongs to it, and a new one is beg
 
 from __future__ import annotations
 
+import shutil
 import sqlite3
 import time
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
 import structlog
 
 from daemon.platform.oldest import drop_oldest
+from daemon.storage.point_marks import MARKS_TABLE
+from daemon.storage.record_stream import begin_journal
+from daemon.storage.record_tables import STREAM_TABLES
+from daemon.storage.run_journal import RUNS_TABLE
+from daemon.storage.write_ahead_log import commits
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 5
 BUSY_MS = 5000
 """How long a write waits for somebody else's."""
 BASE_TABLES = """
@@ -35,6 +42,11 @@ CREATE TABLE reports (
 ) STRICT;
 CREATE TABLE alerts (seq INTEGER PRIMARY KEY, at TEXT NOT NULL, body TEXT NOT NULL) STRICT;
 """
+NAME_THE_PLANS = """
+UPDATE points SET record = json_set(record, '$.plan_hash', (SELECT plan_hash FROM runs WHERE runs.id = points.run))
+WHERE run IN (SELECT id FROM runs) AND json_valid(record);
+"""
+"""Records of points did not say by which plan they were tested."""
 BASE_NAMES = frozenset({"meta", "jobs", "steps", "reports", "alerts"})
 UPGRADES = {
     1: """
@@ -47,6 +59,38 @@ CREATE TABLE standing (name TEXT PRIMARY KEY, body TEXT NOT NULL) STRICT;
 CREATE TABLE kept (key TEXT PRIMARY KEY, body TEXT NOT NULL) STRICT;
 CREATE INDEX alerts_at ON alerts(at);
 """,
+    2: """
+CREATE TABLE touches (
+    n INTEGER PRIMARY KEY AUTOINCREMENT, at TEXT NOT NULL, job TEXT NOT NULL, board_id TEXT, point TEXT NOT NULL,
+    z_end_um REAL, pressed_um REAL, force_n REAL, speed_um_s REAL, ended_by TEXT, verdict TEXT, value REAL, unit TEXT
+) STRICT;
+CREATE INDEX touches_of_pad ON touches(point, board_id);
+""",
+    3: """
+ALTER TABLE touches ADD COLUMN visit TEXT;
+ALTER TABLE touches ADD COLUMN rung TEXT;
+ALTER TABLE touches ADD COLUMN presses INTEGER NOT NULL DEFAULT 1;
+ALTER TABLE touches ADD COLUMN proof INTEGER;
+ALTER TABLE touches ADD COLUMN reading TEXT;
+CREATE TABLE points (
+    n INTEGER PRIMARY KEY AUTOINCREMENT, at TEXT NOT NULL, job TEXT NOT NULL, run TEXT, board_id TEXT,
+    point TEXT NOT NULL, verdict TEXT NOT NULL, record TEXT NOT NULL
+) STRICT;
+CREATE INDEX points_of_run ON points(run, n);
+CREATE INDEX points_of_job ON points(job, n);
+"""
+    + RUNS_TABLE
+    + """
+CREATE TABLE orders (
+    n INTEGER PRIMARY KEY AUTOINCREMENT, at TEXT NOT NULL, client TEXT NOT NULL, role TEXT NOT NULL, by TEXT,
+    op TEXT NOT NULL, fields TEXT NOT NULL, outcome TEXT
+) STRICT;
+CREATE INDEX jobs_of_op ON jobs(op, seq);
+CREATE INDEX jobs_of_point ON jobs(json_extract(result, '$.test_point'), seq);
+CREATE INDEX jobs_of_board ON jobs(json_extract(request, '$.board_id'), seq);
+CREATE INDEX jobs_of_outcome ON jobs(json_extract(result, '$.outcome'), seq);
+""",
+    4: "CREATE INDEX points_of_point ON points(point, n);" + NAME_THE_PLANS + MARKS_TABLE + STREAM_TABLES,
 }
 """Version -> what makes the next one of it."""
 CORRUPT_KEPT, CORRUPT_BYTES = 5, 500_000_000
@@ -73,16 +117,34 @@ class Opened:
 def open_file(path: Path) -> Opened:
     """Open, make or bring up to date the journal at `path`; raise sqlite3.Error or OSError if it cannot be used."""
     path.parent.mkdir(parents=True, exist_ok=True)
+    log_file = path.with_name(f"{path.name}-wal")
+    ends = commits(log_file)
     try:
-        return Opened(*_connect(path))
+        db, next_seq, taken = _connect(path)
+        return _with_log_lost(Opened(db, next_seq), path, log_file, [end for end in ends if end > taken])
     except Unreadable as exc:
         why = str(exc)
-    first_seq = max(_salvaged_seq(path), int(time.time()))
+    first_seq = max(salvaged_seq(path), int(time.time()))
     moved = move_aside(path)
     log.error("journal_moved_aside", file=str(moved), why=why)
-    db, _ = _connect(path)
+    db, _, _ = _connect(path)
     set_meta(db, "next_seq", first_seq)
     return Opened(db, first_seq, moved, why)
+
+
+def _with_log_lost(opened: Opened, path: Path, log_file: Path, lost: Sequence[int]) -> Opened:
+    """Say it, and keep the log, where more than its last transaction was not taken over: each before it was whole.
+
+    The last one alone may have been cut off by a loss of power while it was written: nobody was told that it was done.
+    """
+    if len(lost) < 2:  # more than the last one
+        return opened
+    kept = _name_aside(path)
+    shutil.copyfile(log_file, kept)
+    why = f"its write-ahead log was damaged: the last {len(lost)} writes are lost"
+    log.error("journal_log_damaged", file=str(kept), writes_lost=len(lost))
+    _drop_old(path)
+    return replace(opened, moved_to=kept, why=why)
 
 
 def set_meta(db: sqlite3.Connection, key: str, value: int) -> None:
@@ -98,30 +160,42 @@ def close_file(db: sqlite3.Connection) -> None:
 
 def move_aside(path: Path) -> Path:
     """Give the file and what belongs to it another name; return the new one."""
-    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")
-    moved = path.with_name(f"{path.stem}-corrupt-{stamp}{path.suffix}")
-    while moved.exists():
-        moved = moved.with_name(f"{moved.stem}x{path.suffix}")
+    moved = _name_aside(path)
     path.replace(moved)
     for tail in ("-wal", "-shm"):
         beside = path.with_name(path.name + tail)
         if beside.exists():
             beside.replace(moved.with_name(moved.name + tail))
     moved.touch()  # the newest of its kind, however old its last row
+    _drop_old(path)
+    return moved
+
+
+def _name_aside(path: Path) -> Path:
+    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")
+    moved = path.with_name(f"{path.stem}-corrupt-{stamp}{path.suffix}")
+    while moved.exists():
+        moved = moved.with_name(f"{moved.stem}x{path.suffix}")
+    return moved
+
+
+def _drop_old(path: Path) -> None:
     for old in drop_oldest(
         path.parent, f"{path.stem}-corrupt-*{path.suffix}", keep=CORRUPT_KEPT, keep_bytes=CORRUPT_BYTES
     ):
         for tail in ("-wal", "-shm"):
             old.with_name(old.name + tail).unlink(missing_ok=True)
-    return moved
 
 
-def _connect(path: Path) -> tuple[sqlite3.Connection, int]:
-    """Open the file, make or check its tables; return the connection and the first free event number."""
+def _connect(path: Path) -> tuple[sqlite3.Connection, int, int]:
+    """Open the file, make or check its tables; return the connection and the first free event number.
+
+    And how many frames of a log that was left behind SQLite has taken over.
+    """
     # Only the writer thread uses the connection; close() comes through it too.
     db = sqlite3.connect(path, isolation_level=None, timeout=BUSY_MS / 1e3, check_same_thread=False)
     try:
-        return db, _prepare(db)
+        return db, *_prepare(db)
     except BaseException as exc:
         db.close()
         if isinstance(exc, sqlite3.DatabaseError) and is_damage(exc):
@@ -135,8 +209,8 @@ def is_damage(exc: sqlite3.Error) -> bool:
     return code & 0xFF in _UNREADABLE
 
 
-def _prepare(db: sqlite3.Connection) -> int:
-    """Set the connection up and bring the tables up to date; return the first free event number."""
+def _prepare(db: sqlite3.Connection) -> tuple[int, int]:
+    """Set the connection up and bring the tables up to date; return the first free event number, and frames taken."""
     version = int(db.execute("PRAGMA user_version").fetchone()[0])
     if version > SCHEMA_VERSION:
         raise sqlite3.NotSupportedError(
@@ -146,6 +220,7 @@ def _prepare(db: sqlite3.Connection) -> int:
     if (version == 0 and tables) or (version > 0 and BASE_NAMES - tables):
         raise Unreadable("it is a database, but no journal of this program")
     db.execute("PRAGMA journal_mode=WAL")
+    taken = int(db.execute("PRAGMA wal_checkpoint(PASSIVE)").fetchone()[1])
     db.execute("PRAGMA synchronous=FULL")
     if version == 0:
         db.executescript(f"BEGIN; {BASE_TABLES} PRAGMA user_version=1; COMMIT;")
@@ -156,7 +231,8 @@ def _prepare(db: sqlite3.Connection) -> int:
     for old in range(version, SCHEMA_VERSION):
         db.executescript(f"BEGIN; {UPGRADES[old]} PRAGMA user_version={old + 1}; COMMIT;")
     set_meta(db, _OPEN, 1)
-    return int(numbers.get("next_seq", 1))
+    begin_journal(db)
+    return int(numbers.get("next_seq", 1)), taken
 
 
 def _check(db: sqlite3.Connection) -> None:
@@ -166,7 +242,7 @@ def _check(db: sqlite3.Connection) -> None:
         raise Unreadable(str(found).splitlines()[-1])
 
 
-def _salvaged_seq(path: Path) -> int:
+def salvaged_seq(path: Path) -> int:
     """Return the next event number of a damaged file if it can still be read, else 0: numbers should not repeat.
 
     The caller takes the time in seconds where this is less, which a station that sends an event a second stays below.

@@ -13,7 +13,8 @@ import zlib
 from pathlib import Path
 from typing import Any
 
-from daemon.platform.atomic_file import replace_whole
+from daemon.platform.atomic_file import FOR_THE_GROUP, replace_whole
+from daemon.platform.plain_file import read_small
 
 SLOT = 4096
 _TURN = "turn"
@@ -30,7 +31,7 @@ class PinnedState:
     def load(self) -> None:
         """Read the newer of the two slots; a file that is not there, or that nobody can read, holds nothing."""
         try:
-            raw = self._path.read_bytes()
+            raw = read_small(self._path)
         except FileNotFoundError:
             raw = b""
         slots = [facts for at in (0, SLOT) if (facts := _read(raw[at : at + SLOT])) is not None]
@@ -47,8 +48,8 @@ class PinnedState:
         facts = {**self._facts, key: value, _TURN: turn}
         slot = _written(facts)
         if not self._path.exists():
-            replace_whole(self._path, lambda path: path.write_bytes(bytes(2 * SLOT)))
-        handle = os.open(self._path, os.O_WRONLY | os.O_CLOEXEC)
+            replace_whole(self._path, lambda path: path.write_bytes(bytes(2 * SLOT)), FOR_THE_GROUP)
+        handle = os.open(self._path, os.O_WRONLY | os.O_CLOEXEC | os.O_NONBLOCK)
         try:
             os.pwrite(handle, slot, (turn % 2) * SLOT)
             os.fsync(handle)

@@ -15,7 +15,7 @@ class StatusLine:
     def __init__(self, latch: FaultLatch, notifier: Notifier) -> None:
         self._latch, self._notifier = latch, notifier
         self._last: JobResult | None = None
-        self._note = ""
+        self._note = self._without = ""
         self._up = False
 
     def ready(self, last: JobResult | None) -> None:
@@ -34,6 +34,11 @@ class StatusLine:
         self._note = text
         self.refresh()
 
+    def without(self, what: str | None) -> None:
+        """Keep saying what the daemon works without; None: nothing is missing."""
+        self._without = f"not served: {what}" if what else ""
+        self.refresh()
+
     def refresh(self) -> None:
         """Tell the line as it is now, once the start is over."""
         if self._up:
@@ -47,7 +52,7 @@ class StatusLine:
             now = f"{state.value} ({' '.join(running)})"
         elif fault is not None:
             now = f"{state.value}: {fault.kind.wire_name}, {_brief(fault)}"
-        parts = [now, f"last: {_of(self._last)}" if self._last is not None else "", self._note]
+        parts = [now, f"last: {_of(self._last)}" if self._last is not None else "", self._note, self._without]
         return "; ".join(part for part in parts if part)
 
 

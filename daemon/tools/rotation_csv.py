@@ -14,7 +14,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.platform.plain_file import read_small
+
 Array = NDArray[np.float64]
+MOST_BYTES = 50_000_000
 COLUMNS = ("theta_deg", "x_um", "y_um")
 SAME_ANGLE_DEG = 0.01
 TURN_DEG = 360.0
@@ -47,7 +50,7 @@ class RotationalRecord:
 def read_record(path: Path) -> RotationalRecord:
     """Read a record from a file; BadRecord for one that cannot be read or is none."""
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_small(path, MOST_BYTES).decode("utf-8-sig")
     except OSError as exc:
         raise BadRecord(f"{path} cannot be read: {exc.strerror}", "name a CSV file that exists") from exc
     except UnicodeDecodeError as exc:

@@ -178,7 +178,7 @@ def _write(path: Path, mode: int, head: str, **fields: str) -> None:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(read_small(path).decode())
+        return tomllib.loads(read_small(path).decode("utf-8-sig"))
     except OSError as exc:
         raise KeyTrouble(f"{path}: {exc.strerror}", "give the file `reprobe keys new` wrote") from exc
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as exc:

@@ -8,10 +8,11 @@ from typing import Any, Final, Literal
 
 from pydantic import ConfigDict, Field
 
+from daemon.domain.point_test import PointRecord
 from daemon.domain.results import ErrorBody, JobResult, Told
 from daemon.wire.requests import WIRE_VERSION
 
-Topic = Literal["state", "result", "alert", "heartbeat", "progress", "log"]
+Topic = Literal["state", "result", "alert", "heartbeat", "progress", "contact", "point", "log"]
 
 
 class EventMessage(Told):
@@ -101,6 +102,27 @@ class ProgressEvent(EventMessage):
     doing: str
 
 
+class ContactEvent(EventMessage):
+    """The needle made contact, or was lifted again."""
+
+    topic: Literal["contact"]
+    change: Literal["made", "lifted"]
+    job: str
+    press: int = Field(default=1, description="which press of the job, from 1")
+    test_point: str
+    board_id: str | None
+    z_um: float = Field(description="where Z stood")
+    pressed_um: float
+    force_n: float
+
+
+class PointEvent(PointRecord, EventMessage):
+    """A point was tested: its record."""
+
+    topic: Literal["point"]
+    job: str
+
+
 class LogEvent(EventMessage):
     """Something that matters to whoever runs the station; the facts stand beside, by their own names."""
 
@@ -116,6 +138,8 @@ TOPICS: Final[Mapping[str, type[EventMessage]]] = MappingProxyType(
         "alert": AlertEvent,
         "heartbeat": HeartbeatEvent,
         "progress": ProgressEvent,
+        "contact": ContactEvent,
+        "point": PointEvent,
         "log": LogEvent,
     }
 )

@@ -7,7 +7,7 @@ operation stands beside its row in `daemon.wire.operations`. Lengths are um, ang
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
@@ -28,6 +28,8 @@ def whole(value: Any) -> Any:
 
 Whole = Annotated[int, BeforeValidator(whole)]
 Px = Annotated[float, Field(ge=-1e5, le=1e5, allow_inf_nan=False)]
+LeaseMs = Annotated[float, Field(ge=200, le=30_000, allow_inf_nan=False)]
+"""How long a needle is held down without a sign of life from who holds it."""
 Um = Annotated[float, Field(ge=-1e7, le=1e7, allow_inf_nan=False)]
 
 
@@ -44,11 +46,23 @@ class Request(BaseModel):
         exclude=True,
         description="any text; the answer carries it, so that it can be told apart",
     )
+    by: str | None = Field(
+        default=None,
+        min_length=1,
+        max_length=64,
+        exclude=True,
+        description="the person on whose behalf it is sent; of an order it is written down, see `audit`",
+    )
     deadline_ms: float | None = Field(
         default=None,
         allow_inf_nan=False,
         description="budget in ms from the request's arrival; from 1e11 on, Unix time in ms",
     )
+
+    @property
+    def only_asks(self) -> bool:
+        """Whether it changes nothing although its operation can: then nobody writes it down as an order."""
+        return False
 
 
 class ImmediateRequest(Request):
@@ -57,6 +71,21 @@ class ImmediateRequest(Request):
 
 class JobRequest(Request):
     """A request that starts work on the station."""
+
+    ENDS_OVER_POINT: ClassVar[Literal["placed", "seen"] | None] = None
+    """How a job that succeeded leaves the tip over its test point: by calibration alone, or as a look has shown."""
+
+    ALONE: ClassVar[bool] = False
+    """Whether it is refused while anything runs or waits: nobody may queue it."""
+    FOR_NEEDLE: ClassVar[bool] = False
+    """Whether its test point has to be one that the needle may touch."""
+    TOUCHES: ClassVar[bool] = False
+    """Whether the needle goes down on a pad in it; then it may be held, lifted and counted."""
+
+    @property
+    def held_ms(self) -> float:
+        """How long the needle may be held for the tester in all; it is not the job that takes this time."""
+        return 0.0
 
     id: JobId
     wait: bool = Field(default=False, description="hold the reply until the result is there")

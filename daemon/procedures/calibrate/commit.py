@@ -26,7 +26,7 @@ from vision import ProbeModel
 
 PAGE_WITHIN_S = 60.0
 PAGES_KEPT, PAGES_BYTES = 50, 200_000_000
-"""Of each kind; any page is drawn again from its record by `reprobe report`."""
+"""Of each kind; any page is drawn again from its record by `reprobe calibrate page`."""
 NICER = 10
 _T = TypeVar("_T")
 _R = TypeVar("_R")

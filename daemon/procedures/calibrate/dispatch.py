@@ -17,6 +17,7 @@ from daemon.procedures.calibrate.pose_map import acquire_and_store
 from daemon.procedures.calibrate.rotation import calibrate_rotation
 from daemon.procedures.calibrate.targets import choose_target
 from daemon.procedures.move_sequence import MoveSequence
+from daemon.station.needle_health import NeedleHealth
 from daemon.wire.operations.jobs import Calibrate
 from drivers.lights import Light
 from vision import ProbeModel
@@ -39,6 +40,7 @@ async def _teach_tip(job: JobContext, context: StationContext, request: Calibrat
     except ValueError as exc:
         raise Fault(FaultCode.CALIBRATION_FAILED, f"the tip cannot be taught: {exc}") from exc
     kept = await keep_probe(job, context, model)
+    context.station.needle.health = NeedleHealth()  # what the reference pad said was of the needle before
     return Outcome("calibrated", detail={"what": "tip", "tip_px": list(request.tip_px)} | kept)
 
 

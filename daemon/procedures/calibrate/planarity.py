@@ -3,26 +3,39 @@
 from __future__ import annotations
 
 import random
+from collections.abc import Sequence
 from dataclasses import replace
+from math import dist, inf
 
 import numpy as np
 
 from daemon.domain.board import BoardPoint
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.states import Event
+from daemon.domain.surface_points import LEAST_PLACES, surface_points
 from daemon.jobs.context import JobContext, Outcome, StationContext
 from daemon.procedures.calibrate.commit import Began, keep
+from daemon.procedures.calibrate.spread import EASILY_UM, SURE_WITHIN_UM, corners_um, plane_sigma_um, require_spread
+from daemon.procedures.head_angle import other_views
 from daemon.procedures.move_sequence import MoveSequence
-from daemon.procedures.surface_touch import SurfaceSearch, heights_um
+from daemon.procedures.surface_touch import Push, SurfaceSearch, heights_um
+from daemon.station.kinematics import EXTRAPOLATED_UM, beyond_um
 from daemon.storage.calibration_records import SurfaceRecord, Touch
 from daemon.wire.operations.jobs import Calibrate
+from drivers.errors import EnvelopeViolation
+from drivers.gantry import Position
 from vision.geometry import Array, Surface, fit_plane
 
 PLANAR_WITHIN_UM = 50.0
 """Two pixels of the tip's place: the thesis' measure of the same height, on its camera."""
 MAX_RMS_UM = 25.0
 """Heights that are farther from any plane are not described by one."""
-LEAST_PLACES = 4
+DRAWS = 50
+"""So often places are drawn before the best spread of them is taken; the last draw is the farthest apart."""
+BELIEVED_UM = 0.95 * EXTRAPOLATED_UM
+"""A little less far is a plane drawn for: where the board really lies the places are not quite these."""
+FAR_UM = 10_000.0
+"""A plane is believed no farther beyond what was touched."""
 
 
 async def measure_surface(job: JobContext, context: StationContext, request: Calibrate) -> Outcome:
@@ -37,7 +50,9 @@ async def measure_surface(job: JobContext, context: StationContext, request: Cal
     context.calibrations.require_probe()
     pose_map = context.require_map()
     await context.station.require_homed(job)
-    points = _choose(context.board.test_points(), request.places, request.id)
+    board = context.board
+    points = await _allowed_places(job, context, request)
+    sigma_um = require_spread(points, board)
     places = [context.geometry.position_over(point.place_um, request.theta_deg) for point in points]
     sequence, pushes = MoveSequence(job, context), []
     search = SurfaceSearch(sequence, pose_map)
@@ -48,26 +63,121 @@ async def measure_surface(job: JobContext, context: StationContext, request: Cal
     began = Began.now(job)
     for n, (point, place) in enumerate(zip(points, places, strict=True)):
         job.progress(n, len(places), f"touching {point.name}")
-        pushes.append(await search.press(place))
+        pushes.append(await _press(context, search, point, place))
     heights = heights_um(pushes, pose_map, press_um, context.gantry.touch_z_um)
-    where = np.array([context.geometry.tip_um(place) for place in places])
+    where = np.array([context.geometry.tip_um(push.place) for push in pushes])
     surface = _plane(where, np.array(heights))
     record = _record(surface, where, heights, began.facts(job, context))
     kept = await keep(job, context, record)
-    return Outcome("calibrated", detail=_told(record) | kept)
+    return Outcome("calibrated", detail=_told(record) | {"sigma_um": round(sigma_um, 1)} | kept)
 
 
-def _choose(points: tuple[BoardPoint, ...], count: int, seed: str) -> list[BoardPoint]:
-    """Choose test points at random, every job others; pads are made to be touched, the board between them is not."""
-    if len(points) < LEAST_PLACES:
+async def _press(context: StationContext, search: SurfaceSearch, point: BoardPoint, place: Position) -> Push:
+    """Touch a place; where the needle is not seen before its ground, with the head turned before another one."""
+    try:
+        return await search.press(place)
+    except Fault as fault:
+        if fault.kind is not FaultCode.TIP_NOT_FOUND:
+            raise
+        unseen = fault
+    for other in other_views(context, lambda deg: context.geometry.position_over(point.place_um, deg), place):
+        try:
+            return await search.press(other)
+        except Fault as fault:
+            if fault.kind is not FaultCode.TIP_NOT_FOUND:
+                raise
+    raise unseen
+
+
+async def _allowed_places(job: JobContext, context: StationContext, request: Calibrate) -> list[BoardPoint]:
+    """Choose places within reach of which no person forbade any to the needle; for one that was others are drawn.
+
+    Where too few are within reach the check that follows says what is not.
+    """
+    board, seed = context.board, request.id
+    whole = surface_points(board)
+    flat, pads = (tuple(p for p in some if _in_reach(context, p, request.theta_deg)) for some in whole)
+    if len(flat) + len(pads) < LEAST_PLACES:
+        flat, pads = whole
+    while True:
+        points = choose_places(flat, pads, request.places, seed)
+        marks = [await job.mark_of(board.name, board.side, point.name) for point in points]
+        forbidden = {mark.point for mark in marks if mark is not None and mark.forbids}
+        if not forbidden:
+            return points
+        flat, pads = (tuple(p for p in some if p.name not in forbidden) for some in (flat, pads))
+
+
+def _in_reach(context: StationContext, point: BoardPoint, theta_deg: float) -> bool:
+    place = context.geometry.position_over(point.place_um, theta_deg)
+    try:
+        context.station.check(replace(place, z_um=context.gantry.free_z_um))
+    except EnvelopeViolation:
+        return False
+    return True
+
+
+def choose_places(
+    flat: tuple[BoardPoint, ...], pads: tuple[BoardPoint, ...], count: int, seed: str
+) -> list[BoardPoint]:
+    """Choose test points at random, every job others; pads are made to be touched, the board between them is not.
+
+    Where flat ones are far away, pads of parts stand in for them: solder on a pad is some ten um high, and a plane that
+    goes on beyond all touches is off by more. A choice that happens to lie in a row is drawn again, and so is one that
+    leaves points so far out that nobody would touch them by it.
+    """
+    chance = random.Random(seed)  # noqa: S311  # a repeatable choice, not a secret
+    stand_in = pads if any(_away_um(pad, flat) > FAR_UM for pad in pads) else ()
+    if len(flat) + len(stand_in) < LEAST_PLACES:
         raise Fault(
             FaultCode.CALIBRATION_FAILED,
-            f"the board has {len(points)} test points; a plane needs {LEAST_PLACES}",
+            f"the board has {len(flat) + len(stand_in)} test points; a plane needs {LEAST_PLACES}",
             advice="check the surface with another board",
         )
-    if len(points) <= count:
-        return list(points)
-    return random.Random(seed).sample(points, count)  # noqa: S311  # a repeatable choice, not a secret
+    if len(flat) <= count and not stand_in:
+        return list(flat)
+    everywhere = np.array([point.place_um for point in (*flat, *stand_in)])
+    wanted = np.array([point.place_um for point in (*flat, *pads)])
+    at_um = corners_um(everywhere.min(axis=0), everywhere.max(axis=0))
+    best, best_by = list[BoardPoint](), (True, 0, inf)
+    for draw in range(DRAWS):
+        points = _drawn(chance, flat, stand_in, count, apart=draw == DRAWS - 1)
+        touched = np.array([point.place_um for point in points])
+        left_out = int((beyond_um(wanted, touched) > BELIEVED_UM).sum())
+        sigma_um = plane_sigma_um(touched, at_um)
+        by = sigma_um > SURE_WITHIN_UM, left_out, sigma_um
+        if not best or by < best_by:
+            best, best_by = points, by
+        if not left_out and sigma_um <= EASILY_UM:
+            break
+    return best
+
+
+def _drawn(
+    chance: random.Random, flat: Sequence[BoardPoint], pads: Sequence[BoardPoint], count: int, *, apart: bool
+) -> list[BoardPoint]:
+    """Draw so many points by chance, with pads half of them; `apart`: the first one by chance, the others far off."""
+    if pads:
+        points = chance.sample(flat, min(len(flat), count // 2))
+        return points + _far_apart(chance.sample(pads, len(pads)), points, count - len(points))
+    if not apart:
+        return chance.sample(flat, count)
+    return _far_apart(chance.sample(flat, len(flat)), (), count)
+
+
+def _far_apart(pads: Sequence[BoardPoint], points: Sequence[BoardPoint], count: int) -> list[BoardPoint]:
+    """Return at most so many pads, each the farthest from all before it and from the points."""
+    found: list[BoardPoint] = []
+    away_um = {pad.name: _away_um(pad, points) for pad in pads}
+    for _ in range(min(count, len(pads))):
+        best = max(pads, key=lambda pad: away_um[pad.name])
+        found.append(best)
+        away_um = {pad.name: min(away_um[pad.name], dist(pad.place_um, best.place_um)) for pad in pads}
+    return found
+
+
+def _away_um(pad: BoardPoint, points: Sequence[BoardPoint]) -> float:
+    return min((dist(pad.place_um, point.place_um) for point in points), default=inf)
 
 
 def _plane(places: Array, heights: Array) -> Surface:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 
 from daemon.domain.errors import Fault, FaultCode
@@ -25,8 +26,8 @@ async def acquire_and_store(
     began = Began.now(job)
     try:
         await acquisition.come_down()
-        pose_map = await acquisition.run()
-        refuse_bad_map(pose_map, acquisition)
+        pose_map = await acquisition.run(MAX_RESIDUAL_UM)
+        await asyncio.to_thread(refuse_bad_map, pose_map, acquisition)
     except ValueError as exc:
         raise Fault(FaultCode.CALIBRATION_FAILED, f"the map cannot be fitted: {exc}") from exc
     record = MapRecord(

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -114,14 +115,17 @@ async def _try_out(run: RotationRun, fit: HeadFit, angles: list[float]) -> list[
 
 
 def _record(
-    run: RotationRun, fit: HeadFit, facts: dict[str, object], prior: Head, after: list[TrialLanding]
+    run: RotationRun, fit: HeadFit, facts: dict[str, Any], prior: Head, after: list[TrialLanding]
 ) -> RotationRecord:
     """Return what is kept."""
     measured = run.measured
     before = _before(measured, prior)
     errors = np.array([(one.dx_um, one.dy_um) for one in before])
+    facts["looks"] += run.earlier.looks
+    facts["seconds"] = round(facts["seconds"] + run.earlier.seconds, 2)
     return RotationRecord(
-        **facts,  # type: ignore[arg-type]  # checked by the model
+        **facts,
+        legs=run.earlier.legs + 1,
         control_um=run.target.place_um,
         card_height_um=measured.card_height_um,
         stops=measured.stops,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+import time
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,7 +22,7 @@ from daemon.procedures.move_sequence import MoveSequence, shifted
 from daemon.procedures.surface_touch import card_height_um
 from daemon.station.kinematics import TRUSTED_UM
 from daemon.storage.calibration_records import SeenTarget, Stop, TrialLanding
-from daemon.storage.calibration_resume import Partial
+from daemon.storage.calibration_resume import Partial, Spent
 from drivers.gantry import Position
 from vision.geometry import Array, PoseMap
 from vision.head import Head
@@ -68,6 +69,9 @@ class RotationRun:
         self._head: Head = sequence.context.geometry.head
         self._control_um: Array = np.asarray(target.place_um, dtype=float)
         """Where the target seems to be by the head known so far; it follows the run-out from stop to stop."""
+        self.earlier = Spent()
+        """What the legs before this one took."""
+        self._began_s, self._looks_before = time.monotonic(), self._job.looks
         self._missed: list[float] = []
         self._touched = False
         """Whether the print's height was measured."""
@@ -94,9 +98,10 @@ class RotationRun:
         landings = []
         for n, angle in enumerate(angles):
             self._job.progress(self._steps - len(angles) + n, self._steps, f"landing at {angle:.1f} deg")
-            sighting = await self._look_from(self._over(angle), REACH_PX)
+            place = self._over(angle)
+            sighting = await self._look_from(place, REACH_PX)
             if isinstance(sighting, Sighting):
-                dx_um, dy_um = self._off(sighting)
+                dx_um, dy_um = self._off(sighting, place)
                 landings.append(TrialLanding(theta_deg=angle, dx_um=-dx_um, dy_um=-dy_um))
         return landings
 
@@ -161,7 +166,8 @@ class RotationRun:
                 return sighting
             dx_um, dy_um = self._off(sighting)
             off_um = math.hypot(dx_um, dy_um)
-            first_off_um = off_um if math.isnan(first_off_um) else first_off_um
+            if math.isnan(first_off_um):
+                first_off_um = math.hypot(*self._off(sighting, place))
             at = sighting.position
             place = Position(at.x_um + dx_um, at.y_um + dy_um, place.z_um, place.theta_deg)
             if off_um <= NEAR_UM or looks == MAX_LOOKS:
@@ -182,8 +188,11 @@ class RotationRun:
             why = why or seen.why
         return why
 
-    def _off(self, sighting: Sighting) -> tuple[float, float]:
-        """Return the way from the tip to the target, robot frame, um."""
+    def _off(self, sighting: Sighting, place: Position | None = None) -> tuple[float, float]:
+        """Return the way from the tip to the target, robot frame, um.
+
+        `place`: the way from where the tip would be there instead; the head may have looked from beside.
+        """
         tip_px = self._context.calibrations.require_probe().tip_px
         way = self._map.correction(
             sighting.target_px,
@@ -192,7 +201,10 @@ class RotationRun:
             sighting.sigma_px,
             height_um=self._height_um(sighting.position),
         )
-        return way.dx_um, way.dy_um
+        if place is None:
+            return way.dx_um, way.dy_um
+        at = sighting.position
+        return way.dx_um + at.x_um - place.x_um, way.dy_um + at.y_um - place.y_um
 
     def _over(self, angle: float) -> Position:
         """Return where the head should stand for the tip to be on the target, by all that is known so far."""
@@ -245,6 +257,11 @@ class RotationRun:
             card_height_um=self.measured.card_height_um,
             stops=self.measured.stops,
             sightings=self.measured.sightings,
+            spent=Spent(
+                seconds=self.earlier.seconds + time.monotonic() - self._began_s,
+                looks=self.earlier.looks + self._job.looks - self._looks_before,
+                legs=self.earlier.legs + 1,
+            ),
         )
 
     async def _resume(self) -> bool:
@@ -258,6 +275,7 @@ class RotationRun:
         away = await self._moved_um(last)
         if isinstance(away, str) or away > MAX_CLOSURE_UM:
             return False
+        self.earlier = partial.spent
         self._control_um = np.add((last.x_um, last.y_um), self._head.tip_offset_um(last.theta_deg))
         return True
 

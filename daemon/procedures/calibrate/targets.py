@@ -8,7 +8,8 @@ from typing import Protocol
 from daemon.domain.board import BoardPoint
 from daemon.domain.errors import Fault, FaultCode
 from daemon.jobs.context import JobContext, StationContext
-from daemon.procedures.aiming import describe, refuse_unusable
+from daemon.procedures.aiming import refuse_unusable
+from daemon.procedures.look_numbers import describe
 from daemon.station.station import CrossSearch, LookResult, Search
 from drivers.gantry import Position
 from vision import ControlPoint, NotFound, Reason, TestPoint, Tip
@@ -84,7 +85,7 @@ class RoundTarget:
     @property
     def size_um(self) -> float:
         """CAD's diameter."""
-        return self.point.diameter_um
+        return self.point.round_um
 
     async def see(
         self,
@@ -95,7 +96,7 @@ class RoundTarget:
         reach_px: float,
     ) -> Sighting | NotSeen:
         """Take a look in both lights."""
-        expected_px = self.point.diameter_um / 2 / context.camera.pitch_um
+        expected_px = self.point.round_um / 2 / context.camera.pitch_um
         probe = context.calibrations.require_probe()
         search = Search(offset_px, reach_px, expected_px)
         look = await context.station.look(position, probe, search, job)
@@ -170,7 +171,7 @@ def _sighting(
         # A white frame in which the tip is seen is good; where it is dark beside the tip, the print is not there.
         bare = look.red is None and missing is target
         if missing.reason is not Reason.OUT_OF_FRAME and not bare:
-            refuse_unusable(missing)
+            refuse_unusable(missing, "red" if missing is target and look.red is not None else "white")
         return NotSeen(missing.message if missing is target else f"the tip was not found: {missing.message}")
     x, y = context.calibrations.require_probe().tip_px
     shift = x - look.tip.x_px, y - look.tip.y_px

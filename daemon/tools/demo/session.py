@@ -16,7 +16,9 @@ from typing import Any
 from daemon.client import Client
 from daemon.domain.board import Board, BoardPoint
 from daemon.domain.results import JobResult
+from daemon.domain.surface_points import LEAST_PLACES, surface_points
 from daemon.tools.demo.processes import DemoBench
+from daemon.tools.demo.true_place import off_um, touched_by
 
 CLICK_ERROR_PX, CLICKS = 0.4, 5
 """A person who points at the needle's end in a magnified picture is off by this much (1 sigma), and clicks so often."""
@@ -24,8 +26,9 @@ BESIDE_BOARD_UM = 9000.0
 """Beside the board there is only the dark base plate: the low-noise background on which the thesis teaches the tip."""
 ANGLES_DEG = (0.0, 100.0), (140.0, 359.9)
 LIMIT_UM = 50.0
-LEAST_FIDUCIALS, LEAST_TOUCHED = 3, 4
+LEAST_FIDUCIALS = 3
 ALONE_UM = 2500.0
+LARGEST_MARK_UM = 700.0
 LONG_MS = 3600e3
 """More than any calibration takes."""
 Say = Callable[[str], None]
@@ -44,16 +47,23 @@ class Landing:
     before_um: float
     after_um: float
     result: JobResult
+    touched: str = ""
+    """What the needle is over after all, by the truth: pin and net, or what else is there."""
+    right_metal: bool = True
 
     @property
     def good(self) -> bool:
         """Whether the daemon answered that it landed, and it did."""
-        return self.result.ok and self.after_um <= LIMIT_UM
+        return self.result.ok and self.after_um <= LIMIT_UM and self.right_metal
 
 
 def choose_points(board: Board, at_most: int) -> list[BoardPoint]:
-    """Return the named test points, else probe-able vias, in natural order."""
-    offered = board.test_points()
+    """Return the best point of each net, spread over the nets; without layers the named test points, else vias."""
+    if board.layers is not None:
+        best = {net: board.of_net(net)[0] for net in sorted({p.net for p in board.test_points() if p.net})}
+        step = max(1.0, len(best) / at_most)
+        return [list(best.values())[int(k * step)] for k in range(min(at_most, len(best)))]
+    offered = board.round_points()
     named = [p for p in offered if p.name.startswith("TP")]
     return sorted(named or offered, key=lambda p: [int(s) if s.isdigit() else s for s in re.split(r"(\d+)", p.name)])[
         :at_most
@@ -71,7 +81,7 @@ def choose_fiducials(board: Board) -> list[BoardPoint]:
     fiducials = [p for p in board.points if p.kind == "fiducial"]
     if len(fiducials) >= LEAST_FIDUCIALS:
         return fiducials
-    alone = sorted(board.test_points(), key=lambda p: -min(solitude_um(board, p), ALONE_UM))
+    alone = sorted(board.flat_points(), key=lambda p: -min(solitude_um(board, p), ALONE_UM))
     candidates = [p for p in alone if solitude_um(board, p) >= ALONE_UM] or alone[:12]
     chosen = candidates[:1]
     while len(chosen) < min(4, len(candidates)):
@@ -79,10 +89,13 @@ def choose_fiducials(board: Board) -> list[BoardPoint]:
     return chosen if len(chosen) >= LEAST_FIDUCIALS else []
 
 
-def choose_mark(board: Board) -> BoardPoint:
-    """Return the round target that stands most alone among its likes; fiducials are made for it."""
-    marks = [p for p in board.points if p.kind == "fiducial" or (p.probeable and p.hole_um is None)] or [*board.points]
-    return max(marks, key=lambda p: (p.kind == "fiducial", min(solitude_um(board, p), 4000.0), -p.diameter_um))
+def choose_mark(board: Board) -> BoardPoint | None:
+    """Return the round target that stands most alone among its likes, a fiducial if there is one; None: none is."""
+    round_ones = [p for p in board.points if p.stands_round and p.round_um <= LARGEST_MARK_UM]
+    marks = [p for p in round_ones if p.kind == "fiducial" or (p.probeable and p.hole_um is None)] or round_ones
+    return max(
+        marks, key=lambda p: (p.kind == "fiducial", min(solitude_um(board, p), 4000.0), -p.round_um), default=None
+    )
 
 
 def point_at_tip(bench: DemoBench, chance: random.Random) -> list[float]:
@@ -106,8 +119,9 @@ class Session:
         self._must("home")
         self.teach_tip()
         mark = choose_mark(self._board)
-        self._say(f"calibrating the map on {mark.name}")
-        self._must("calibrate", what="map", test_point=mark.name, deadline_ms=LONG_MS)
+        self._say(f"calibrating the map on {'the control point' if mark is None else mark.name}")
+        target = {} if mark is None else {"test_point": mark.name}
+        self._must("calibrate", what="map", deadline_ms=LONG_MS, **target)
 
     def teach_tip(self) -> None:
         """Drive beside the board and point at the needle's end."""
@@ -115,28 +129,40 @@ class Session:
         self._must("place", board_um=[-BESIDE_BOARD_UM, self._board.height_um / 2], theta_deg=0.0)
         self._must("calibrate", what="tip", tip_px=point_at_tip(self._bench, self._random))
 
-    def calibrate_fully(self, angles: int) -> None:
-        """Calibrate the head's rotation, align the board, and measure the height of its surface."""
+    def calibrate_fully(self, angles: int, board_id: str | None = None) -> None:
+        """Calibrate the head's rotation, align the board that lies there, and measure the height of its surface."""
         self._say(f"calibrating the rotation at {angles} angles")
         self._must("calibrate", what="rotation", angles=angles, deadline_ms=LONG_MS)
         fiducials = choose_fiducials(self._board)
-        if fiducials:
+        named = {} if board_id is None else {"board_id": board_id}
+        if self._board.layers is not None:
+            self._say("aligning the board by its seat")
+            self._aligned(self._must("align", deadline_ms=LONG_MS, **named))
+        elif fiducials:
             self._say("aligning the board")
-            self._must("align", fiducials=[p.name for p in fiducials], deadline_ms=LONG_MS)
-        if len(self._board.test_points()) >= LEAST_TOUCHED:
+            self._must("align", fiducials=[p.name for p in fiducials], deadline_ms=LONG_MS, **named)
+        if sum(map(len, surface_points(self._board))) >= LEAST_PLACES:
             self._say("measuring the surface")
             self._must("calibrate", what="surface", deadline_ms=LONG_MS)
+
+    def _aligned(self, result: JobResult) -> None:
+        shift_um = result.detail.get("shift_um")
+        if shift_um:
+            off_um, turn_deg = math.hypot(*shift_um), float(result.detail.get("turn_deg", 0.0))
+            self._say(f"the board lies {off_um:.0f} um and {abs(turn_deg):.2f} degrees off its place")
 
     def land(self, point: BoardPoint) -> Landing:
         """Put the head over a test point with all its errors, say "open", and ask the truth before and after."""
         theta_deg = self._angle()
-        self._must("place", test_point=point.name, theta_deg=theta_deg)
-        before_um = self._truth_um(point)
+        placed = self._must("place", test_point=point.name, theta_deg=theta_deg)
+        before_um = self._truth_um(point, placed)
         result = self._client.job("correct", job_id=f"{point.name}-seed{self._seed}", test_point=point.name)
-        after_um = self._truth_um(point)
-        retest = "pass" if after_um <= LIMIT_UM else "open"
+        after_um = self._truth_um(point, result if result.ok else placed)
+        touched = touched_by(self._bench)
+        right = touched.is_of(point)
+        retest = "pass" if after_um <= LIMIT_UM and right else "open"
         self._client.request("report", id=result.id, retest=retest, touches=1)
-        return Landing(point, theta_deg, before_um, after_um, result)
+        return Landing(point, theta_deg, before_um, after_um, result, str(touched), right)
 
     def _must(self, op: str, **fields: Any) -> JobResult:
         result = self._client.job(op, timeout_s=LONG_MS / 1e3, **fields)
@@ -149,8 +175,7 @@ class Session:
         low, high = self._random.choice(ANGLES_DEG)
         return round(self._random.uniform(low, high) / 0.05625) * 0.05625 % 360.0
 
-    def _truth_um(self, point: BoardPoint) -> float:
-        """Return how far the tip really is from the pad's real centre."""
-        targets = self._bench.ask("truth")["targets"]
-        errors = [t["error_um"] for t in targets if t["name"] == point.name]
-        return float(errors[0]) if errors else float("inf")
+    def _truth_um(self, point: BoardPoint, result: JobResult) -> float:
+        """Return how far the tip really is from the pad's real centre, or from the site that was chosen on it."""
+        x_um, y_um = self._bench.ask("truth")["board_um"]
+        return off_um(point, result, (x_um, y_um))

@@ -44,6 +44,7 @@ def write_settings(
         camera=places.socket("camera"),
         control=places.socket("control"),
         events=places.socket("events"),
+        live=places.socket("live"),
     )
     path = places.out / "station.toml"
     path.write_text(bench_toml(bench, BenchWaits(speed, reply_ms), pictures))

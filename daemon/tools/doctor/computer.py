@@ -44,6 +44,8 @@ def devices_of(config: Config) -> Iterator[tuple[str, str, str]]:
             yield f"port of bus {name}", section.port, "dialout"
     if config.lights.port is not None:
         yield "port of the lights", config.lights.port, "dialout"
+    if config.meter is not None and config.meter.address.startswith("/"):
+        yield "port of the meter", config.meter.address, "dialout"
     if config.camera.device is not None:
         yield "camera device", config.camera.device, "video"
 

@@ -14,6 +14,7 @@ from daemon.station.devices import make_axes, make_camera, open_buses, open_ligh
 from daemon.tools.doctor.computer import devices_of, examine_computer, in_use
 from daemon.tools.doctor.drives import examine_axis, examine_line, examine_round_trip
 from daemon.tools.doctor.findings import CheckResults
+from daemon.tools.doctor.meter import examine_meter
 from daemon.tools.doctor.scan import scan_lines
 from daemon.tools.doctor.seeing import examine_lights, examine_rate, examine_settings
 from daemon.wire.curve_keys import KeyTrouble
@@ -31,7 +32,7 @@ def examine(config_file: Path, *, scan: bool = False) -> CheckResults:
     try:
         config = load_config(config_file)
     except ConfigError as exc:
-        for where, what in exc.problems:
+        for where, what in exc.placed():
             findings.fail(f"configuration {where}", what, "correct it, then run this again")
         return findings
     open_to_all = bool(config_file.stat().st_mode & stat.S_IWOTH)
@@ -59,7 +60,7 @@ def _ask_daemon(findings: CheckResults, config: Config) -> bool:
     about = "running daemon"
     try:
         with Client(from_here(config.api.control), timeout_s=ASK_WITHIN_S) as client:
-            says = client.request("snapshot")
+            says, health = client.request("snapshot"), client.request("alerts", limit=1)
     except (NotLetIn, Refused, KeyTrouble) as exc:
         advice = "name a key it takes in REPROBE_KEY, or stop it (systemctl stop reprobe) to examine the devices"
         findings.fail(about, str(exc), advice)
@@ -75,6 +76,8 @@ def _ask_daemon(findings: CheckResults, config: Config) -> bool:
     for name, bus in says.get("links", {}).get("buses", {}).items():
         found = f"{bus['requests']} requests, {bus['timeouts']} without an answer, {bus['garbled']} garbled"
         findings.judge(f"bus {name} as it says", found, good=bool(bus["connected"]), advice="check the adapter")
+    for alert in health["standing"]:
+        findings.warn(f"alert {alert['name']}", "; ".join([alert["what"], *alert["evidence"]]), alert["advice"])
     not_used = says["calibration"]["not_used"]
     for what, why in not_used.items():
         findings.warn(f"calibration {what}", why, f"reprobe calibrate {what}")
@@ -97,6 +100,8 @@ async def _examine_devices(findings: CheckResults, config: Config) -> None:
         await _examine_seeing(findings, config, camera, buses, stack)
         if buses is not None:
             examine_line(findings, buses)
+    if config.meter is not None:
+        await examine_meter(findings, config.meter)
 
 
 async def _open_buses(findings: CheckResults, config: Config, stack: AsyncExitStack) -> dict[str, ModbusBus] | None:

@@ -46,9 +46,11 @@ def settings_of(section: BusSection) -> Iterator[Line]:
                 yield line
 
 
-async def scan_line(findings: CheckResults, about: str, line: Line, addresses: Iterable[int]) -> list[int]:
-    """Ask every address once; note and return those that answer."""
-    wait_s = THOUGHT_S + line.seconds(EXCHANGE_BYTES)
+async def scan_line(
+    findings: CheckResults, about: str, line: Line, addresses: Iterable[int], thought_s: float = THOUGHT_S
+) -> list[int]:
+    """Ask every address once; note and return those that answer within the time a slave is given to think."""
+    wait_s = thought_s + line.seconds(EXCHANGE_BYTES)
     try:
         bus = await ModbusBus.open(line, timeout_s=wait_s, late_reply_s=wait_s, attempts=1)
     except LinkError as exc:

@@ -44,6 +44,16 @@ def verdict(record: AlignmentRecord) -> PageVerdict:
     return PageVerdict(good, because)
 
 
+def _off_nominal(record: AlignmentRecord) -> tuple[Number, ...]:
+    """Return how far the board lies from where the configuration has it, as the result of the job says it."""
+    if record.conditions is None:
+        return ()
+    return (
+        Number("board off its nominal place, X", record.tx_um - record.conditions.origin_x_um, "um"),
+        Number("board off its nominal place, Y", record.ty_um - record.conditions.origin_y_um, "um"),
+    )
+
+
 def numbers(record: AlignmentRecord) -> tuple[Number, ...]:
     """Return the figures of the table, each fiducial at the end."""
     lengths, limit_um = _lengths_um(record), record.limits.residual_um
@@ -51,8 +61,9 @@ def numbers(record: AlignmentRecord) -> tuple[Number, ...]:
     limit = f"at most {limit_um:.0f} um"
     rows = [
         Number("board", f"{record.board}, {record.side}"),
-        Number("shift X", record.tx_um, "um"),
-        Number("shift Y", record.ty_um, "um"),
+        Number("board's corner X, robot frame", record.tx_um, "um"),
+        Number("board's corner Y, robot frame", record.ty_um, "um"),
+        *_off_nominal(record),
         Number("turn", record.theta_deg, "deg", 4),
         Number("scale from 1", ppm, "ppm", 0, f"within {limit_ppm:.0f} ppm", abs(ppm) > limit_ppm),
         Number("left at the fiducials, rms", record.rms_um, "um"),

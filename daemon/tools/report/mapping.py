@@ -77,10 +77,14 @@ class Mapped:
 
 @dataclass(frozen=True)
 class MapDrift:
-    """Where two maps differ: pixels (N, 2) on a grid in the region, and how far apart they put them, (N, 2) um."""
+    """Where two maps differ: pixels (N, 2) on a grid, and how far apart they put them, (N, 2) um.
+
+    radius_um: of the region in which both were fitted; what one of them extrapolates is no drift.
+    """
 
     at_px: Array
     apart_um: Array
+    radius_um: float
 
     @property
     def rms_um(self) -> float:
@@ -94,14 +98,15 @@ class MapDrift:
 
 
 def drift(now: Mapped, before: Mapped) -> MapDrift:
-    """Compare two maps at the same pixels from the tip, each with its own tip, over the new map's region."""
+    """Compare two maps at the same pixels from the tip, each with its own tip, over the region of both."""
+    radius_um = min(now.pose_map.radius_um, before.pose_map.radius_um)
     line = np.linspace(-1.0, 1.0, GRID)
-    grid = np.array([(x, y) for x in line for y in line if math.hypot(x, y) <= 1.0]) * now.pose_map.radius_um
+    grid = np.array([(x, y) for x in line for y in line if math.hypot(x, y) <= 1.0]) * radius_um
     at_px = now.pose_map.to_px(grid, now.record.tip_px, 0.0)
     from_tip = at_px - now.record.tip_px
     new = now.pose_map.from_tip_um(at_px, now.record.tip_px, 0.0)
     old = before.pose_map.from_tip_um(from_tip + before.record.tip_px, before.record.tip_px, 0.0)
-    return MapDrift(at_px, new - old)
+    return MapDrift(at_px, new - old, radius_um)
 
 
 def verdict(record: MapRecord) -> PageVerdict:
@@ -161,10 +166,13 @@ def _picture(axes: Axes, mapped: Mapped) -> None:
     axes.margins(0.16)
 
 
-def _arrows(axes: Axes, mapped: Mapped, at_px: Array, away_um: Array, colour: str) -> int:
-    """Draw um vectors of the head frame at pixels as the camera would see them; return the magnification."""
+def _arrows(axes: Axes, mapped: Mapped, at_px: Array, away_um: Array, colour: str, radius_um: float) -> int:
+    """Draw um vectors of the head frame at pixels as the camera would see them; return the magnification.
+
+    The longest is at most a third of `radius_um`, unless it is so long by itself.
+    """
     longest = float(np.linalg.norm(away_um, axis=1).max())
-    times = next((m for m in MAGNIFIED if m * longest <= 0.35 * mapped.pose_map.radius_um), MAGNIFIED[-1])
+    times = next((m for m in MAGNIFIED if m * longest <= 0.35 * radius_um), MAGNIFIED[-1])
     steps = [np.linalg.solve(jacobian(mapped.pose_map.homography, p), a) for p, a in zip(at_px, away_um, strict=True)]
     axes.quiver(*at_px.T, *(times * np.array(steps)).T, color=colour, angles="xy", scale_units="xy", scale=1.0,
                 width=0.0028)  # fmt: skip
@@ -175,7 +183,7 @@ def _sightings(mapped: Mapped) -> Plot:
     figure, (axes, table) = new_figure(1, 2, height_in=5.4, ratios=(2.2, 1.0))
     _picture(axes, mapped)
     left = mapped.residuals_um()
-    times = _arrows(axes, mapped, mapped.seen_px, left, MAIN)
+    times = _arrows(axes, mapped, mapped.seen_px, left, MAIN, mapped.pose_map.radius_um)
     axes.plot(*mapped.seen_px.T, "o", color=SECOND, markersize=3.5, label="mark seen")
     axes.invert_yaxis()
     axes.set_title(f"residuals {TIMES}{times}")
@@ -199,14 +207,15 @@ def _sightings(mapped: Mapped) -> Plot:
 def _drift(mapped: Mapped, found: MapDrift) -> Plot:
     figure, (axes,) = new_figure(height_in=5.0)
     _picture(axes, mapped)
-    times = _arrows(axes, mapped, found.at_px, found.apart_um, SECOND)
+    times = _arrows(axes, mapped, found.at_px, found.apart_um, SECOND, found.radius_um)
     axes.invert_yaxis()
     axes.set_title(f"new minus previous {TIMES}{times}")
     handles, labels = _both(axes)
     figure.legend(handles, labels, loc="outside right center")
     caption = (
         "By how much the new map puts a place, at the same pixels from the tip, elsewhere than the previous one: "
-        f"{found.rms_um:.1f} um rms over the region, {found.max_um:.1f} um at most. Arrows magnified {times} times."
+        f"{found.rms_um:.1f} um rms, {found.max_um:.1f} um at most, within {found.radius_um:.0f} um, where both were "
+        f"fitted. Arrows magnified {times} times."
     )
     return Plot(
         "Drift since the previous calibration", to_svg(figure, "Difference of the maps over the region"), caption

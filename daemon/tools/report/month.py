@@ -21,12 +21,13 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--month", required=True)
     parser.add_argument("--station", required=True)
     parser.add_argument("-o", "--output", type=Path, required=True)
+    parser.add_argument("--charts", action="store_true", help="only the charts, as JSON")
     given = parser.parse_args(arguments)
     span = month_span(given.month)
     if span is None:
         return say(f"{given.month!r} is no month; write it as 2026-11", WRONG)
     with own_settings():
-        return _draw(given.journal, given.station, span, given.output)
+        return _draw(given.journal, given.station, span, given.output, only_charts=given.charts)
 
 
 def month_span(text: str) -> tuple[datetime, datetime] | None:
@@ -40,14 +41,16 @@ def month_span(text: str) -> tuple[datetime, datetime] | None:
     return datetime(year, month, 1, tzinfo=UTC), datetime(*after, 1, tzinfo=UTC)
 
 
-def _draw(journal: Path, station: str, span: tuple[datetime, datetime], output: Path) -> int:
+def _draw(
+    journal: Path, station: str, span: tuple[datetime, datetime], output: Path, *, only_charts: bool
+) -> int:  # fmt: skip
     # Only now: these bring matplotlib, which reads its settings when it is imported.
     from daemon.storage.journal_reader import NoJournal  # noqa: PLC0415
     from daemon.tools.report.month_facts import read_month  # noqa: PLC0415
-    from daemon.tools.report.month_page import write_month  # noqa: PLC0415
+    from daemon.tools.report.month_page import write_charts, write_month  # noqa: PLC0415
 
     try:
-        write_month(read_month(journal, station, *span), output)
+        (write_charts if only_charts else write_month)(read_month(journal, station, *span), output)
     except (NoJournal, OSError) as exc:
         return say(str(exc), NOT_WRITTEN)
     return OK

@@ -13,10 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.domain.errors import FaultCode
 from daemon.maintenance.catalogue import Spec, all_specs
 from daemon.maintenance.proportion_test import ShareSettings
 from daemon.storage.journal_reader import JournalReader
 
+FIRST_OF_THE_STATION = 2000
+"""Codes below are of requests."""
 OF_A_LINE = re.compile(r"bus_(?:timeouts|garbled)_(.+)")
 
 
@@ -71,6 +74,12 @@ class Month:
     alerts: tuple[AlertLine, ...]
     still_standing: tuple[str, ...]
     """Alerts of this month, or of before, that stood at its end."""
+
+    @property
+    def own_failures(self) -> int:
+        """How many jobs failed at the station's own work: not for what they asked, nor because they were cancelled."""
+        asked = {kind.name.lower() for kind in FaultCode if kind.value.code < FIRST_OF_THE_STATION}
+        return sum(count for name, count in self.failures.items() if name not in asked)
 
 
 def read_month(journal: Path, station: str, first: datetime, after: datetime) -> Month:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
@@ -13,7 +14,7 @@ from daemon.config.watch_names import GROUPS
 from daemon.platform.atomic_file import replace_whole
 from daemon.tools.report.month_facts import Course, Month
 from daemon.tools.report.page import Number, PageVerdict, Plot, environment, rounded, write_text
-from daemon.tools.report.svg import BAD, MAIN, MUTED, SECOND, new_figure, to_svg
+from daemon.tools.report.svg import BAD, MAIN, MUTED, SECOND, alone, new_figure, to_svg
 
 TITLES: Final = {
     "placement": "Placement: where the tip lands before it is corrected",
@@ -28,6 +29,8 @@ TITLES: Final = {
 }
 MOST_DOTS: Final = 240
 """Of more numbers only some are drawn; the daily means are of all."""
+MOST_FAILED, FEWEST = 0.1, 3
+"""Share and number of jobs that may fail at the station's own work in a month that is called healthy."""
 COLUMNS: Final = 2
 PANEL_IN: Final = 2.3
 
@@ -40,13 +43,26 @@ def write_month(month: Month, path: Path) -> None:
     replace_whole(path, lambda beside: write_text(beside, text))
 
 
+def write_charts(month: Month, path: Path) -> None:
+    """Write the charts of the page by themselves, as JSON: a list of group, title, caption and a whole SVG."""
+    colours = environment().get_template("colours.css").render()
+    told = [
+        {"group": group, "title": plot.title, "caption": plot.caption, "svg": alone(plot.svg, colours)}
+        for group, plot in zip(drawn_groups(month), plots(month), strict=True)
+    ]
+    replace_whole(path, lambda beside: write_text(beside, json.dumps(told)))
+
+
 def verdict(month: Month) -> PageVerdict:
     """Judge a month by what stood at its end."""
     raised = sum(line.change == "raised" for line in month.alerts)
+    failed, own = sum(month.failures.values()), month.own_failures
+    good = not month.still_standing and (own < FEWEST or own <= MOST_FAILED * month.jobs)
+    jobs = f" {failed} of {month.jobs} jobs failed, {own} of them at the station's own work." if failed else ""
     if not month.courses:
-        return PageVerdict(good=not month.still_standing, because="Nothing was measured in this month.")
-    stood = ", ".join(month.still_standing)
-    return PageVerdict(good=not stood, because=f"{stood or 'No alert'} stood at its end; {raised} were raised in it.")
+        return PageVerdict(good=good, because=f"Nothing was measured in this month.{jobs}")
+    stood = ", ".join(month.still_standing) or "No alert"
+    return PageVerdict(good=good, because=f"{stood} stood at its end; {raised} were raised in it.{jobs}")
 
 
 def numbers(month: Month) -> tuple[Number, ...]:
@@ -75,14 +91,18 @@ def numbers(month: Month) -> tuple[Number, ...]:
     return tuple(rows)
 
 
+def drawn_groups(month: Month) -> tuple[str, ...]:
+    """Return the groups that have numbers, in their order."""
+    found = {course.spec.group for course in month.courses.values()}
+    return tuple(group for group in GROUPS if group in found and group in TITLES)
+
+
 def plots(month: Month) -> tuple[Plot, ...]:
     """Return one figure a group."""
-    drawn = []
-    for group in GROUPS:
-        courses = [course for course in month.courses.values() if course.spec.group == group]
-        if courses and group in TITLES:
-            drawn.append(_group(month, group, courses))
-    return tuple(drawn)
+    return tuple(
+        _group(month, group, [course for course in month.courses.values() if course.spec.group == group])
+        for group in drawn_groups(month)
+    )
 
 
 def _group(month: Month, group: str, courses: Sequence[Course]) -> Plot:
@@ -119,4 +139,4 @@ def _share(panel: Axes, course: Course) -> None:
     days = sorted(day for day, (_, trials) in course.by_day.items() if trials)
     shares = [course.by_day[day][0] / course.by_day[day][1] for day in days]
     panel.bar([day + 0.5 for day in days], shares, color=SECOND, width=0.8)
-    panel.set_ylim(0, max([*shares, 1e-4]) * 1.3)
+    panel.set_ylim(0, max(shares, default=0.0) * 1.3 or 1.0)

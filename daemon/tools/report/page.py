@@ -63,6 +63,8 @@ class Page:
     since: str = ""
     """What changed since the previous calibration, in a sentence."""
     notes: tuple[str, ...] = ()
+    done: str = "calibrated"
+    """What was done at `made_at`."""
 
 
 def rounded(value: float, digits: int) -> str:

@@ -49,7 +49,8 @@ def numbers(record: RotationRecord) -> tuple[Number, ...]:
         Number("circle: centre X", record.circle.centre_um[0], "um"),
         Number("circle: centre Y", record.circle.centre_um[1], "um"),
         Number("circle: direction of the head at θ = 0", rotation.phase_deg, "deg", 3),
-        Number("total error (eq. 6.8)", record.total_error_um, "um"),
+        Number("the model in force before: off at these stops, rms (thesis eq. 6.8)",
+               record.total_error_um / max(1, len(record.before)) ** 0.5, "um", limit="what this calibration mends"),
         Number("closure: first angle again at the end", record.closure_um, "um"),
         Number("card's surface above the touching plane", record.card_height_um, "um"),
     ]  # fmt: skip
@@ -59,6 +60,9 @@ def numbers(record: RotationRecord) -> tuple[Number, ...]:
             rows.append(Number(f"landings {when}: median", float(np.median(lengths)), "um"))
             rows.append(Number(f"landings {when}: largest", float(lengths.max()), "um", bad=bad,
                                limit=limit if when == "after" else ""))  # fmt: skip
+    if record.legs > 1:
+        told = "an interrupted run was gone on with; looks and time are of all"
+        rows.append(Number("legs", f"{record.legs}", limit=told))
     return (*rows, Number("looks", float(record.looks), "", 0), Number("time taken", record.seconds, "s"))
 
 

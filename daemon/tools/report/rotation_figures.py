@@ -71,12 +71,12 @@ def _stops(axes: Axes, rotation: Rotation, arrows_um: Array, colour: str, times:
     axes.add_patch(Ring((0.0, 0.0), radius_mm, fill=False, color=MUTED, linewidth=0.9))
     used = rotation.used
     axes.quiver(*at[used].T, *away[used].T, color=colour, angles="xy", scale_units="xy", scale=1.0, width=0.0032)
-    axes.plot(*at[used].T, ".", color=INK, markersize=3, label="stop")
+    axes.plot(*at[used].T, ".", color=INK, markersize=3, label="measured stop")
     if not used.all():
         axes.plot(*at[~used].T, "x", color=BAD, markersize=7, label="stop left out")
     axes.set(aspect="equal", xlabel="X from the centre, mm",
              ylabel="Y from the centre, mm", title=f"{what}, {TIMES}{times}")  # fmt: skip
-    axes.legend(loc="center")
+    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
 
 
 def residual_plot(rotation: Rotation) -> Plot:
@@ -88,7 +88,7 @@ def residual_plot(rotation: Rotation) -> Plot:
               ("tangential_um", "tangential, um", "from the circle, ahead in the sense of turning"))  # fmt: skip
     for axes, (name, label, title) in zip(rows[:2], panels, strict=True):
         values = getattr(seen, name)
-        _dots(axes, rotation, values, SECOND, "stop")
+        _dots(axes, rotation, values, SECOND, "measured stop")
         for k, (theta, curve) in enumerate(curves):
             axes.plot(theta, getattr(curve, name), color=MAIN, label="head model" if k == 0 else None)
         axes.set(ylabel=label, title=title)

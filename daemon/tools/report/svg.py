@@ -88,3 +88,11 @@ def to_svg(figure: Figure, label: str) -> Markup:
     )
     # matplotlib escapes every text it draws, and `label` is escaped here: the result is safe markup.
     return Markup(svg.replace('role="img">', f'role="img" aria-label="{Markup.escape(label)}">', 1))  # noqa: S704
+
+
+def alone(svg: Markup, colours: str) -> str:
+    """Return a figure as a file of its own; `colours` is the part of a style sheet that says what each stands for."""
+    spaces = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
+    style = f"<style>{colours} text {{ font-family: system-ui, sans-serif !important }}</style>"
+    opening, closing, rest = str(svg).partition(">")
+    return opening.replace("<svg", f"<svg {spaces}", 1) + closing + style + rest

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.results import ErrorBody
-from daemon.wire.example_parts import ALERT, AT, RESULT
+from daemon.wire.example_parts import ALERT, AT, CONTACT, RECORD, RESULT
 from daemon.wire.operations.row import Operation
 
 _ENVELOPE: Final = {"v": 1, "version": "0.1.0"}
@@ -18,6 +18,12 @@ EVENTS: Final[dict[str, dict[str, Any]]] = {
     "result": RESULT,
     "alert": {"raised": True, "change": "raised", **ALERT},
     "heartbeat": {"state": "idle", "version": "0.1.0"},
+    "contact": {
+        "change": "made",
+        "job": "board17-TP7-2",
+        **{k: v for k, v in CONTACT.items() if k not in ("id", "since")},
+    },
+    "point": {"job": "board17-TP7-3", **RECORD},
     "progress": {"job": "map-2025-03-04", "op": "calibrate", "done": 7, "total": 25, "doing": "looking"},
     "log": {"event": "configuration_taken", "changed": ["servo.tolerance_um"]},
 }

@@ -103,6 +103,8 @@ def _inner(operations: OperationTable) -> str:
     models: tuple[type[BaseModel], ...] = (*(row.reply for row in operations.rows), *TOPICS.values(), Refusal)
     for model in models:
         found |= model_schema(model, operations, "serialization").get("$defs", {})
+    for row in operations.rows:
+        found = model_schema(row.request, operations, "validation").get("$defs", {}) | found
     parts = ["## Parts\n"]
     for name, schema in sorted(found.items()):
         parts += [f"### {name}\n", f"{_plain(schema.get('description', ''))}\n", _rows(schema, set())]
@@ -115,8 +117,8 @@ def _errors() -> str:
         for k in sorted(FaultCode, key=lambda k: k.code)
     ]
     head = (
-        "## Errors\n\n1xxx the request, 2xxx seeing, 3xxx motion, 4xxx link, light and camera, 5xxx safety, 9xxx the "
-        "daemon itself. A latched one keeps the daemon in `fault` until a person acts.\n\n"
+        "## Errors\n\n1xxx the request, 2xxx seeing, 3xxx motion, 4xxx link, light and camera, 5xxx safety, "
+        "6xxx contact, 9xxx the daemon itself. A latched one keeps the daemon in `fault` until a person acts.\n\n"
     )
     return head + _table(("code", "name", "cause", "cure", "latched")) + "\n".join(rows) + "\n"
 

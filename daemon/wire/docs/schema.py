@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final
 
 from pydantic import BaseModel, TypeAdapter
@@ -35,15 +36,19 @@ def schemas(operations: OperationTable = OPERATIONS) -> dict[str, dict[str, Any]
     }
 
 
-def write(folder: Path, api: type[BaseModel]) -> list[Path]:
+def write(folder: Path, api: type[BaseModel], more: Mapping[str, str] = MappingProxyType({})) -> list[Path]:
     """Write `wire.md` and `schema/*.schema.json` into a folder; return what was written.
 
-    `api`: the section of the configuration whose defaults the page tells.
+    `api`: the section of the configuration whose defaults the page tells. `more`: name -> text of further pages.
     """
-    texts = {folder / "wire.md": page(api)} | {
-        folder / "schema" / f"{name}.schema.json": json.dumps(schema, indent=1, sort_keys=True) + "\n"
-        for name, schema in schemas().items()
-    }
+    texts = (
+        {folder / name: text for name, text in more.items()}
+        | {folder / "wire.md": page(api)}
+        | {
+            folder / "schema" / f"{name}.schema.json": json.dumps(schema, indent=1, sort_keys=True) + "\n"
+            for name, schema in schemas().items()
+        }
+    )
     for path, text in texts.items():
         _put(path, text)
     return list(texts)

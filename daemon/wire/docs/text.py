@@ -1,5 +1,7 @@
 """Plain sentences of the page of the wire; the tables between them are made from rows and models."""
 
+from daemon.wire.limits import GLANCE_BYTES
+
 INTRO = """\
 # The wire
 
@@ -34,7 +36,7 @@ Without `wait` the reply says that the job was taken; its end comes as the event
 job that was taken has exactly one result, also if the daemon is killed in the middle of it: then it is `interrupted`.
 """
 
-ASKING = """\
+ASKING = f"""\
 ## Waiting for an answer
 
 A request that was on its way when the daemon was killed is lost, and so is an answer: a client waits with a time-out,
@@ -45,8 +47,9 @@ job may be sent again as it is, but for `report`, whose `touches` would be count
 
 Any request may carry a `tag`; its answer, good or bad, carries the same. So a DEALER tells the answers of requests that
 have no `id` apart, such as `status`, and a late answer from that to a later request. A message that is not read at all
-(no JSON, too large, too many values) has none. Types are strict: `true` and `"5000"` are no numbers, `"yes"` is no
-boolean.
+(no JSON, too large, too many values) has none. What is refused for asking too fast (`rate_limited`), or with a key that
+was taken back, has its `tag` and `id` up to {GLANCE_BYTES} bytes, and none beyond. Types are strict: `true` and
+`"5000"` are no numbers, `"yes"` is no boolean.
 """
 
 LATE = """\

@@ -1,4 +1,4 @@
-"""Operations on the queue and the machine: cancel, reset, and what is asked of state and results."""
+"""Operations on the queue and the machine: cancel, hold, reset, and what is asked of state and results."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ from typing import Any, Final, Literal
 
 from pydantic import Field
 
+from daemon.domain.contact import ContactFacts
 from daemon.domain.results import ErrorBody, JobResult, Told
-from daemon.wire.example_parts import AT, RESULT
+from daemon.wire.example_parts import AT, CONTACT, RESULT
 from daemon.wire.limits import MAX_SEQ
 from daemon.wire.operations.row import DefaultDeadline, Operation
 from daemon.wire.replies import Reply
-from daemon.wire.requests import ImmediateRequest, JobId, Request, Whole
+from daemon.wire.requests import ImmediateRequest, JobId, LeaseMs, Request, Whole
 
 
 class Cancel(Request):
@@ -21,10 +22,39 @@ class Cancel(Request):
     id: JobId | None = None
 
 
+class Pause(Request):
+    """Have a run end after the point under test, which gets its verdict; `run` with `resume` goes on with it.
+
+    Without an id, the run that is under way.
+    """
+
+    op: Literal["pause"]
+    id: JobId | None = None
+
+
+class Hold(ImmediateRequest):
+    """Renew the lease of a touch: the needle stays down. With keys, only the client that touched may."""
+
+    op: Literal["hold"]
+    id: JobId
+    lease_ms: LeaseMs = Field(default=2000.0, description="from now on")
+
+
 class Reset(Request):
     """Clear a latched fault once its cause is gone."""
 
     op: Literal["reset"]
+
+
+class LightUp(Request):
+    """Have a lamp on for a while, to see something in the live picture.
+
+    Refused (busy) while anything works at the station. It goes dark when the lease ends, a job begins, or in fault.
+    """
+
+    op: Literal["light"]
+    colour: Literal["white", "red", "off"]
+    lease_ms: LeaseMs = Field(default=10_000.0, description="from now on; sent again before its end, it stays on")
 
 
 class Status(ImmediateRequest):
@@ -76,7 +106,7 @@ class NeedleState(Told):
     """Where the needle is, as far as the drives have told."""
 
     place: str = Field(description="up, down (below the height of looks) or unknown")
-    z_um: float | None = Field(description="height that Z last reported; null while the place is unknown")
+    z_um: float | None = Field(description="height that Z last reported; null where it is unknown, and in a move")
 
 
 class StatusReply(Reply):
@@ -91,6 +121,9 @@ class StatusReply(Reply):
     calibration: CalibrationState
     pictures: str = Field(description="kept, or why they are not")
     needle: NeedleState
+    configuration_refused: list[str] = Field(
+        default=[], description="what is wrong with the file since the last reload; the one before it is in force"
+    )
 
 
 class Links(Told):
@@ -100,19 +133,58 @@ class Links(Told):
     camera: dict[str, int]
 
 
+class RunFacts(Told):
+    """The newest run over a board, in short; `points` tells it whole."""
+
+    id: str
+    board_id: str
+    plan: str
+    plan_version: int | None = Field(description="null where points were named instead of a plan")
+    state: str = Field(description="unfinished, done or abandoned")
+    begun_at: str = Field(description="UTC, ISO 8601")
+    ended_at: str | None
+    stopped_by: str = Field(description="why the last job left it unfinished")
+    points: int = Field(description="of the plan")
+    done: int = Field(description="with a record")
+
+
 class SnapshotReply(StatusReply):
     """All a late joiner needs."""
 
     next_seq: int = Field(description="the number the next event will carry")
+    journal: str = Field(default="", description="id of the journal that is written now, see `records`")
     last_result: JobResult | None
+    contact: ContactFacts | None = Field(description="the touch by which the needle is held down; null while none is")
     touches: int = Field(description="reported so far, and made by the daemon itself")
     links: Links
+    board_revision: str = Field(default="", description="fingerprint of the board file: another one, ask `describe`")
+    run: RunFacts | None = Field(default=None, description="the newest; null where there was none")
 
 
 class CancelReply(Reply):
     """The job stops."""
 
     cancelled: str = Field(description="id of the job")
+
+
+class PauseReply(Reply):
+    """The run ends after this point."""
+
+    paused: str = Field(description="id of the job")
+
+
+class HoldReply(Reply):
+    """The needle stands and stays."""
+
+    until_ms: float = Field(description="from now on; lifted then, unless it is held again")
+    contact: ContactFacts
+
+
+class LightUpReply(Reply):
+    """It is so."""
+
+    colour: str
+    until_ms: float = Field(description="from now on")
 
 
 class ResultReply(Reply):
@@ -129,7 +201,7 @@ class ResultsReply(Reply):
     results: list[JobResult]
 
 
-AnyControl = Cancel | Reset | Status | Snapshot | Result | Results
+AnyControl = Cancel | Pause | Hold | Reset | LightUp | Status | Snapshot | Result | Results
 """Every request of this module, for the type checker; in the order of the rows."""
 
 _STATUS: Final[dict[str, Any]] = {
@@ -147,11 +219,35 @@ ROWS: Final = (
         example_reply={"id": "board17-TP7-1", "cancelled": "board17-TP7-1"},
     ),
     Operation(
+        request=Pause,
+        reply=PauseReply,
+        least_role="operate",
+        deadline=DefaultDeadline.SHORT,
+        example={"id": "board17-run-1"},
+        example_reply={"id": "board17-run-1", "paused": "board17-run-1"},
+    ),
+    Operation(
+        request=Hold,
+        reply=HoldReply,
+        least_role="operate",
+        deadline=DefaultDeadline.NONE,
+        example={"id": "board17-TP7-2", "lease_ms": 2000},
+        example_reply={"id": "board17-TP7-2", "until_ms": 2000.0, "contact": CONTACT},
+    ),
+    Operation(
         request=Reset,
         reply=StatusReply,
         least_role="maintain",
         deadline=DefaultDeadline.SHORT,
         example_reply=_STATUS,
+    ),
+    Operation(
+        request=LightUp,
+        reply=LightUpReply,
+        least_role="operate",
+        deadline=DefaultDeadline.SHORT,
+        example={"colour": "white", "lease_ms": 10_000},
+        example_reply={"colour": "white", "until_ms": 10_000.0},
     ),
     Operation(
         request=Status,
@@ -169,8 +265,22 @@ ROWS: Final = (
         | {
             "next_seq": 4712,
             "last_result": RESULT,
+            "contact": None,
             "touches": 48213,
             "links": {"buses": {"main": {"connected": 1, "reconnects": 0}}, "camera": {"frames": 120}},
+            "board_revision": "9c2f1b7e44d0a853",
+            "run": {
+                "id": "board17-run-1",
+                "board_id": "board17",
+                "plan": "power",
+                "plan_version": 3,
+                "state": "done",
+                "begun_at": AT,
+                "ended_at": AT,
+                "stopped_by": "",
+                "points": 26,
+                "done": 26,
+            },
         },
     ),
     Operation(

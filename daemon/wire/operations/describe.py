@@ -19,16 +19,45 @@ class Describe(ImmediateRequest):
     op: Literal["describe"]
 
 
+class Configuration(ImmediateRequest):
+    """Ask which settings are in force, and which of them stand in the station's file. No secret and no path is told."""
+
+    op: Literal["config"]
+
+
+class Setting(Told):
+    """One setting."""
+
+    name: str = Field(description="as the file has it: section and key")
+    value: str | float | bool | None = Field(description="in force; null where it is not set")
+    source: Literal["file", "default"]
+
+
+class ConfigurationReply(Reply):
+    """What is in force."""
+
+    settings: list[Setting]
+    refused: list[str] = Field(
+        description="what is wrong with the file since the last reload, or needs a restart; then these settings stay"
+    )
+
+
 class TestPoint(Told):
     """One point that can be probed; lengths in um, board frame."""
 
     name: str
-    kind: str = Field(description="via or site")
+    kind: str = Field(description="via, site (a pad of no part), pad or pin of a part")
     x_um: float
     y_um: float
-    diameter_um: float
+    diameter_um: float | None = Field(description="of its bare metal where that is round")
     hole_um: float | None
     net: str | None
+    part: str | None = None
+    pin: str | None = None
+    shape: str = Field(default="round", description="round, rectangle, oblong, polygon or ring")
+    room_um: float | None = Field(default=None, description="radius of free bare metal about (x_um, y_um)")
+    stands_um: float | None = Field(default=None, description="how far it stands above the board, where that is known")
+    rank: int | None = Field(default=None, description="place in the order of preference within its net, 0 the best")
 
 
 class BoardFacts(Told):
@@ -75,6 +104,7 @@ class DescribeReply(Reply):
     station: str
     ops: list[str]
     events: str = Field(description="endpoint of the event socket, as the station binds it")
+    live: str = Field(default="", description="endpoint of the live pictures, as the station binds it; empty: none")
     board: BoardFacts
     errors: list[ErrorFacts]
     versions: list[int] = Field(description="versions of the wire this daemon speaks")
@@ -82,6 +112,9 @@ class DescribeReply(Reply):
     you: You
     limits: Limits
 
+
+AnyDescription = Describe | Configuration
+"""Every request of this module, for the type checker; in the order of the rows."""
 
 ROWS: Final = (
     Operation(
@@ -100,5 +133,14 @@ ROWS: Final = (
                        "queue_per_client": 8},
         },
     ),
+    Operation(
+        request=Configuration,
+        reply=ConfigurationReply,
+        least_role="observe",
+        deadline=DefaultDeadline.NONE,
+        example_reply={
+            "settings": [{"name": "servo.tolerance_um", "value": 20.0, "source": "file"}], "refused": [],
+        },
+    ),
 )  # fmt: skip
-"""The one row of this module."""
+"""One row per operation, in the order of the page."""

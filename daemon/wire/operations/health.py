@@ -6,7 +6,7 @@ from typing import Final, Literal
 
 from pydantic import ConfigDict, Field
 
-from daemon.domain.results import Told
+from daemon.domain.results import ErrorBody, Told
 from daemon.wire.events import AlertFacts
 from daemon.wire.example_parts import ALERT, AT
 from daemon.wire.limits import MAX_SEQ
@@ -30,7 +30,16 @@ class Acknowledge(Request):
     alert: Name
     by: str = Field(min_length=1, max_length=64, description="who knows")
     note: str = Field(default="", max_length=500)
-    mended: bool = Field(default=False, description="the cause is gone: clear it, and learn anew what is usual")
+    mended: bool = Field(
+        default=False, description="the cause is gone: clear it, and learn anew what is usual; needs the role maintain"
+    )
+
+
+class Charts(Request):
+    """Ask for the charts of a month: the courses of all watches, as the page of `reprobe month` shows them."""
+
+    op: Literal["charts"]
+    month: str = Field(pattern=r"^\d{4}-(0[1-9]|1[0-2])$", description="such as 2026-11, UTC")
 
 
 class Report(Request):
@@ -72,7 +81,8 @@ class AlertsReply(Reply):
     """Past alerts in the order of their seq, those that stand, and every watch."""
 
     alerts: list[PastAlert]
-    healthy: bool = Field(description="no alert stands")
+    healthy: bool = Field(description="no alert stands, and no fault: a station that is not homed is not healthy")
+    fault: ErrorBody | None = Field(default=None, description="the first cause, while in fault")
     touches: int
     standing: list[AlertFacts]
     watches: list[WatchFacts]
@@ -85,13 +95,30 @@ class AcknowledgeReply(Reply):
     alert: AlertFacts
 
 
+class ChartFacts(Told):
+    """The watches of one group over a month."""
+
+    group: str = Field(description="of its watches, as `alerts` has it")
+    title: str
+    caption: str
+    svg: str = Field(description="a picture as SVG, whole, light or dark as its reader wants it")
+
+
+class ChartsReply(Reply):
+    """Charts, one a group that has numbers in the month."""
+
+    month: str
+    drawn_at: str = Field(description="UTC, ISO 8601: what came later is not in them")
+    charts: list[ChartFacts]
+
+
 class ReportReply(Reply):
     """It was written down."""
 
     touches: int = Field(description="reported so far")
 
 
-AnyHealth = Alerts | Acknowledge | Report
+AnyHealth = Alerts | Acknowledge | Report | Charts
 """Every request of this module, for the type checker; in the order of the rows."""
 
 ROWS: Final = (
@@ -112,7 +139,7 @@ ROWS: Final = (
     Operation(
         request=Acknowledge,
         reply=AcknowledgeReply,
-        least_role="maintain",
+        least_role="operate",
         deadline=DefaultDeadline.SHORT,
         example={"alert": "light_white", "by": "M. Weber", "note": "ring is ordered"},
         example_reply={
@@ -126,6 +153,18 @@ ROWS: Final = (
         deadline=DefaultDeadline.SHORT,
         example={"id": "board17-TP7-1", "retest": "pass", "touches": 20},
         example_reply={"id": "board17-TP7-1", "touches": 48213},
+    ),
+    Operation(
+        request=Charts,
+        reply=ChartsReply,
+        least_role="observe",
+        deadline=DefaultDeadline.NONE,
+        example={"month": "2026-11"},
+        example_reply={
+            "month": "2026-11", "drawn_at": AT,
+            "charts": [{"group": "light", "title": "Light on the needle", "caption": "Over the days of the month.",
+                        "svg": '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1 1"/>'}],
+        },
     ),
 )  # fmt: skip
 """One row per operation, in the order of the page."""

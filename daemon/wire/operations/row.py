@@ -25,6 +25,11 @@ class DefaultDeadline(Enum):
     """`servo.job_timeout_s`."""
     LENGTHY_JOB = auto()
     """`servo.calibration_timeout_s`, for jobs of minutes."""
+    RUN = auto()
+    """A day: a run is as long as its plan, and each point of it has the time of a job."""
+
+
+_OF_JOBS = frozenset({DefaultDeadline.JOB, DefaultDeadline.LENGTHY_JOB, DefaultDeadline.RUN})
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -38,6 +43,8 @@ class Operation:
     deadline: DefaultDeadline
     outcomes: tuple[str, ...] = ()
     """How its job can end well, in the words of `JobResult.outcome`; empty where it is no job."""
+    asks_only: bool = False
+    """Whether it changes nothing although not everybody may ask; such a one is no order, and not written down."""
     example: Mapping[str, Any] = field(default_factory=dict)
     """The own fields of an example request."""
     example_reply: Mapping[str, Any]
@@ -47,7 +54,7 @@ class Operation:
         """Check that request, deadline and outcomes tell the same of it."""
         if "op" not in self.request.model_fields:
             raise ValueError(f"{self.request.__name__} names no operation: it has no field `op`")
-        if self.is_job != (self.deadline in (DefaultDeadline.JOB, DefaultDeadline.LENGTHY_JOB)):
+        if self.is_job != (self.deadline in _OF_JOBS):
             raise ValueError(f"{self.op}: a job, and nothing else, has the default deadline of a job")
         if self.is_job != bool(self.outcomes):
             raise ValueError(f"{self.op}: a job, and nothing else, has outcomes")
@@ -64,6 +71,11 @@ class Operation:
     def is_job(self) -> bool:
         """Whether it starts work on the station."""
         return issubclass(self.request, JobRequest)
+
+    @property
+    def is_order(self) -> bool:
+        """Whether who sent it is written down. What is answered on the spot, many times a second, is not."""
+        return self.least_role != "observe" and not self.asks_only and not issubclass(self.request, ImmediateRequest)
 
     @property
     def is_lengthy(self) -> bool:

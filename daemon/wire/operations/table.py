@@ -13,13 +13,20 @@ from pydantic import Field, TypeAdapter, ValidationError
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.roles import ROLES, Caller, Role
 from daemon.wire.limits import MAX_FIELDS, MAX_LISTED
-from daemon.wire.operations import control, describe, health, jobs
+from daemon.wire.operations import control, describe, health, jobs, records, runs
 from daemon.wire.operations.row import Operation
 from daemon.wire.requests import VERSIONS, WIRE_VERSION
 
 MAX_NAME, MAX_PROBLEM = 64, 200
 """Letters of a field's name, and of what is wrong with it, that a refusal repeats."""
-AnyRequest = jobs.AnyJob | control.AnyControl | health.AnyHealth | describe.Describe
+AnyRequest = (
+    jobs.AnyJob
+    | runs.AnyRunQuestion
+    | control.AnyControl
+    | health.AnyHealth
+    | describe.AnyDescription
+    | records.AnyRecord
+)
 """Every request, for the type checker. A test holds it together with the rows."""
 
 
@@ -103,5 +110,5 @@ def _short(value: Any) -> str:
     return reprlib.repr(value)[:100]
 
 
-OPERATIONS: Final = OperationTable((*jobs.ROWS, *control.ROWS, *health.ROWS, *describe.ROWS))
+OPERATIONS: Final = OperationTable((*jobs.ROWS, *runs.ROWS, *control.ROWS, *health.ROWS, *describe.ROWS, *records.ROWS))
 """All operations, in the order of the page."""

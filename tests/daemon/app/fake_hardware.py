@@ -26,13 +26,14 @@ class FakeHardware:
         self.gate = gate
         self.errors: dict[str, Exception] = {}
         self.homed = dict.fromkeys(AXES, True)
+        self.lifted_to_um: list[float] = []
         self.drive_error = False
         self.did: list[str] = []
         self.gantry = self
         self.lights = self
         self.buses: dict[str, Any] = {}
         self.axes: tuple[Any, ...] = ()
-        self.found = {name: SimpleNamespace(fit=True, homed=True) for name in AXES}
+        self.found_fit = True
         self.delivered = 0
         self.lit_level = 5
         """How bright a picture is that is taken while the lamps are off."""
@@ -45,6 +46,21 @@ class FakeHardware:
         self.missing_answers = 0
         self.check_line_s = 0.0
         self.z_um = 12_000.0
+
+    @property
+    def found_homed(self) -> bool:
+        """What the drives told as they were opened."""
+        return all(self.homed.values())
+
+    @property
+    def found_position(self) -> Any:
+        """Where they told to be as they were opened."""
+        return SimpleNamespace(x_um=0.0, y_um=0.0, z_um=self.z_um, theta_deg=0.0)
+
+    @property
+    def standing(self) -> Any:
+        """Where they told to be when they were last asked how they are."""
+        return self.found_position
 
     async def _ask(self, what: str) -> None:
         await self.gate(what)
@@ -96,8 +112,15 @@ class FakeHardware:
         await self._ask("position")
         return SimpleNamespace(x_um=0.0, y_um=0.0, z_um=self.z_um, theta_deg=0.0)
 
-    async def set(self, _light: Any, _deadline: Any) -> None:
+    async def move_to(self, target: Any, _deadline: Any, **_how: Any) -> Any:
+        await self._ask("move")
+        self.z_um = target.z_um
+        self.lifted_to_um.append(target.z_um)
+        return target
+
+    async def set(self, _light: Any, _deadline: Any) -> float:
         await self._ask("light")
+        return 0.0
 
     async def close(self, _deadline: Any) -> None:
         await self._ask("close")
@@ -113,6 +136,7 @@ class FakeGantry:
         self.forget_homing = hardware.forget_homing
         self.quick_stop = hardware.quick_stop
         self.position = hardware.position
+        self.move_to = hardware.move_to
 
     async def homed(self, _deadline: Any) -> bool:
         return await self._hardware.is_homed()

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
 
+from daemon.app import supervisor
 from daemon.app.supervisor import DOUBT, StationSupervisor
 from daemon.config.current import CurrentSettings
 from daemon.config.model import load_config
@@ -27,9 +29,12 @@ from daemon.storage.calibration_store import Calibrations
 from daemon.tools.demo.settings import Places, write_settings
 from daemon.wire.operations.table import OPERATIONS
 from drivers.errors import CameraError, DeadlinePassed, DriveFault, EmergencyStop, LightError, LinkTimeout
+from drivers.gantry import Position
 from tests.daemon.app.fake_hardware import FakeHardware, Gate, hardware
 from tests.daemon.jobs.memory_journal import MemoryJournal
 from tests.daemon.jobs.surroundings import surroundings
+from tests.daemon.procedures.fake_station import pose_map as a_pose_map
+from tests.daemon.procedures.fake_station import probe_model
 
 JOBS: dict[str, dict[str, Any]] = {
     "correct": {"test_point": "TP1"},
@@ -59,11 +64,13 @@ class Station:
         self.hardware = hardware()
         self.opened: list[FakeHardware] = []
         self.open_error: Exception | None = None
+        self.asked_to_rest: list[list[str]] = []
+        self.answering: set[str] = set()
         self.began: list[str] = []
         self.settings = CurrentSettings(config, board)
         self.supervisor = StationSupervisor(
             self.settings, self.latch, self.lock, Calibrations(folder / "calibration", "demo"),
-            cast("Any", self.journal), self._open,
+            cast("Any", self.journal), self._open, stop_unopened=self._stop_unopened,
         )  # fmt: skip
         self.runner = JobRunner(
             surroundings(
@@ -84,6 +91,11 @@ class Station:
             raise self.open_error
         self.opened.append(self.hardware)
         return self.hardware
+
+    async def _stop_unopened(self, _config: Any, names: Iterable[str]) -> frozenset[str]:
+        assert self.lock.holder == "stop", "a reset would open the same lines"
+        self.asked_to_rest.append(list(names))
+        return frozenset(self.answering & set(names))
 
     async def _procedure(self, job: Any, _context: Any) -> Outcome:
         self.began.append(job.request.op)
@@ -106,6 +118,7 @@ class _AnyBoard:
     """A board that has every point."""
 
     name, side, revision = "any", "top", "1"
+    layers, points = None, ()
 
     def point(self, _name: str) -> None:
         return
@@ -463,6 +476,142 @@ async def test_the_idle_station_is_looked_after_and_never_beside_somebody_else(s
     looking.cancel()
 
 
+async def test_drives_that_could_not_be_opened_are_stopped_as_soon_as_each_answers(
+    station: Station, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(supervisor, "STOP_AGAIN_S", 0.001)
+    monkeypatch.setattr(supervisor, "ASK_UNOPENED_S", 0.001)
+    looking = asyncio.create_task(station.supervisor.run())
+    station.open_error = LinkTimeout("no answer", device="x")
+    await station.supervisor.open()
+    await _until(lambda: len(station.asked_to_rest) > 2)
+    assert station.asked_to_rest[-1] == ["theta", "x", "y", "z"]
+    station.answering = {"x", "z"}
+    await _until(lambda: station.asked_to_rest[-1] == ["theta", "y"])
+    station.answering = set(AXES)
+    await _until(lambda: station.lock.holder is None)
+    await asyncio.sleep(0.05)
+    asked = len(station.asked_to_rest)
+    await asyncio.sleep(0.05)
+    assert len(station.asked_to_rest) == asked, "none is asked again that was found to stand"
+    assert station.latch.fault is not None
+    assert station.latch.fault.kind is FaultCode.LINK_LOST, "the station stays closed until a reset"
+    station.open_error = None
+    assert await station.supervisor.reset() is None
+    looking.cancel()
+
+
+async def test_a_needle_that_sinks_at_rest_is_a_latched_fault_and_is_raised(station: Station) -> None:
+    station.check_every(0.001)
+    await station.supervisor.open()
+    looking = asyncio.create_task(station.supervisor.run())
+    await _until(lambda: station.hardware.did.count("check_health") > 3)
+    assert station.latch.state is State.IDLE
+    station.hardware.z_um -= 40.0
+    seen = station.hardware.did.count("check_health")
+    await _until(lambda: station.hardware.did.count("check_health") > seen + 3)
+    assert station.latch.state is State.IDLE, "a brake may give a little"
+    for _ in range(3):
+        station.hardware.z_um -= 10.0
+    await _until(lambda: station.hardware.lifted_to_um != [])
+    looking.cancel()
+    assert station.latch.fault is not None
+    assert station.latch.fault.kind is FaultCode.NEEDLE_DOWN
+    assert "sank by 70 um" in station.latch.fault.message
+    assert station.hardware.lifted_to_um == [12_000.0]
+    assert station.supervisor.needle.is_up
+    still = await station.supervisor.reset()
+    assert still is not None
+    assert still.kind is FaultCode.NEEDLE_DOWN, "only a lift settles it"
+
+
+def _stopped_descent(station: Station, at_um: float) -> None:
+    """Have a move down to the height of looks begin, and be stopped on its way."""
+    station.supervisor.needle.departs(Position(0.0, 0.0, station.settings.config.gantry.work_z_um, 0.0))
+    station.hardware.z_um = at_um
+
+
+async def test_a_z_that_was_stopped_on_its_way_did_not_sink(station: Station) -> None:
+    await station.supervisor.open()
+    _stopped_descent(station, at_um=8_600.0)
+    await station.supervisor.first_check(Watchdog())
+    assert station.latch.fault is None
+    assert station.hardware.lifted_to_um == [], "nobody asked for it"
+    station.hardware.z_um = 8_530.0
+    await station.supervisor.first_check(Watchdog())
+    assert station.latch.fault is not None, "from where it was found it must not sink either"
+    assert "sank by 70 um" in station.latch.fault.message
+
+
+async def test_a_z_that_was_stopped_on_its_way_and_is_found_below_its_target_sank(station: Station) -> None:
+    await station.supervisor.open()
+    _stopped_descent(station, at_um=8_600.0)
+    station.hardware.z_um = station.settings.config.gantry.work_z_um - 60.0
+    await station.supervisor.first_check(Watchdog())
+    assert station.latch.fault is not None
+    assert station.latch.fault.kind is FaultCode.NEEDLE_DOWN
+    assert station.hardware.lifted_to_um == [12_000.0]
+
+
+@pytest.mark.parametrize(
+    ("standing", "raised"),
+    [(FaultCode.CAMERA_FAILED, True), (FaultCode.JOURNAL_FAILED, True), (FaultCode.LINK_LOST, False)],
+)
+async def test_a_needle_that_sinks_while_another_fault_stands_is_seen_and_raised_where_that_is_safe(
+    station: Station, standing: FaultCode, *, raised: bool
+) -> None:
+    station.check_every(0.001)
+    await station.supervisor.open()
+    station.latch.latch(Fault(standing))
+    looking = asyncio.create_task(station.supervisor.run())
+    await _until(lambda: station.hardware.did.count("position") > 3)
+    assert [cause.kind for cause in station.latch.causes] == [standing]
+    station.hardware.z_um = 4_900.0
+    await _until(lambda: FaultCode.NEEDLE_DOWN in [cause.kind for cause in station.latch.causes])
+    await _until(lambda: station.lock.holder is None)
+    looking.cancel()
+    assert station.latch.fault is not None
+    assert station.latch.fault.kind is standing, "the first cause stays first"
+    assert station.hardware.lifted_to_um == ([12_000.0] if raised else [])
+    assert station.supervisor.needle.place is (NeedlePlace.UP if raised else NeedlePlace.DOWN)
+
+
+async def test_a_needle_that_is_known_to_be_down_is_not_raised_because_it_sinks_further(station: Station) -> None:
+    station.check_every(0.001)
+    station.hardware.z_um = 4_900.0
+    await station.supervisor.open()
+    assert [cause.kind for cause in station.latch.causes] == [FaultCode.NEEDLE_DOWN]
+    looking = asyncio.create_task(station.supervisor.run())
+    station.hardware.z_um = 4_700.0
+    await _until(lambda: station.supervisor.needle.z_um == 4_700.0)
+    await _until(lambda: station.lock.holder is None)
+    looking.cancel()
+    assert station.hardware.lifted_to_um == [], "a person looks first, and sends `lift`"
+
+
+async def test_drives_that_do_not_answer_in_a_fault_are_asked_again_and_change_nothing(station: Station) -> None:
+    station.check_every(0.001)
+    await station.supervisor.open()
+    station.latch.latch(Fault(FaultCode.LINK_LOST))
+    station.hardware.errors["homed"] = LinkTimeout("no answer", device="z")
+    looking = asyncio.create_task(station.supervisor.run())
+    await _until(lambda: station.hardware.did.count("homed") > 3)
+    assert [cause.kind for cause in station.latch.causes] == [FaultCode.LINK_LOST]
+    looking.cancel()
+
+
+@pytest.mark.parametrize("against", [FaultCode.LINK_LOST, FaultCode.DEVICE_REFUSED])
+async def test_a_needle_that_sank_is_not_raised_where_no_axis_can_be_trusted(
+    station: Station, against: FaultCode
+) -> None:
+    await station.supervisor.open()
+    station.hardware.z_um = 5_000.0
+    station.latch.latch(Fault(against))
+    await station.supervisor.first_check(Watchdog())
+    assert FaultCode.NEEDLE_DOWN in [cause.kind for cause in station.latch.causes]
+    assert station.hardware.lifted_to_um == []
+
+
 async def test_a_check_that_is_late_without_a_missing_answer_is_no_lost_link(station: Station) -> None:
     await station.supervisor.open()
     late = DeadlinePassed("deadline passed during FC 43", device="x")
@@ -564,6 +713,28 @@ async def test_no_reset_clears_needle_down_not_even_with_the_needle_up(station: 
         assert still is not None
         assert still.kind is FaultCode.NEEDLE_DOWN
         assert station.latch.state is State.FAULT
+
+
+@pytest.mark.parametrize(("z_um", "seen"), [(4_900.0, True), (12_000.0, False)])
+async def test_a_needle_that_somebody_else_left_down_is_to_be_seen_free_after_its_lift(
+    tmp_path: Path, z_um: float, seen: bool
+) -> None:
+    """A daemon that was killed over a pressed pin took along where it stood free; Z's count alone is no proof."""
+    station = Station(tmp_path)
+    probe, pose_map = probe_model(), a_pose_map()
+    known = {"probe": probe, "pose_map": pose_map}
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in known.items():
+            patch.setattr(Calibrations, name, property(lambda _self, value=value: value))
+        station.hardware.z_um = z_um
+        await station.supervisor.open()
+    free = station.supervisor.needle.free_pin
+    assert (free is not None) == seen
+    if free is not None:
+        assert free.tip_px == probe.tip_px
+        per_um = math.hypot(*pose_map.below_tip_px) / pose_map.hover_um
+        pressed_by_um = 100.0
+        assert pressed_by_um * per_um > free.within_px > 3.0 * 23.0 * per_um, "a push is told from three sigma of flex"
 
 
 async def test_a_reset_clears_the_cause_and_leaves_that_the_needle_is_down(station: Station) -> None:

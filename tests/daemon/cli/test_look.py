@@ -17,6 +17,8 @@ from daemon.cli.app import app
 from daemon.cli.picture_files import BadPicture, decode
 from daemon.cli.points import parse_point
 from daemon.cli.vision_output import number, seen_facts, tip_facts
+from tests.daemon.procedures.cad_board import cad_board, cad_pad
+from tests.daemon.procedures.fake_station import pose_map as exact_map
 from tests.vision.scene import NOMINAL_TIP, Camera, Canvas, Needle, Pad, frame_of, red_frame, white_frame
 from vision import ProbeModel, Seen, Tip, find_test_points, find_tip
 
@@ -106,9 +108,9 @@ def test_the_json_keys_are_the_same_whatever_was_found(desk: Path) -> None:
 def test_the_needle_is_known_when_the_red_picture_is_searched(desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     needles = []
 
-    def searching(red: Any, around: Any, reach: float, radius: float | None, needle: Tip | None) -> Seen:
+    def searching(red: Any, around: Any, reach: float, radius: float | None, needle: Tip | None, **more: Any) -> Seen:
         needles.append(needle)
-        return find_test_points(red, around, reach, radius, needle)
+        return find_test_points(red, around, reach, radius, needle, **more)
 
     monkeypatch.setattr("daemon.cli.stored_look.find_test_points", searching)
     told = _told(_reprobe(desk, "look --white white.png --red red.png --probe probe.npz --json"))
@@ -139,6 +141,16 @@ def test_a_pad_of_another_size_than_cad_says_is_not_found(desk: Path) -> None:
     assert points["reason"] == "no_test_point"
     assert points["nearest"] is None
     assert "wrong_size" in {item["rule"] for item in points["thrown"]}
+
+
+@pytest.mark.parametrize(
+    ("said", "hole_px"), [("", 4.5), ("--expected-hole-radius-px 4.5", 4.5), ("--expected-hole-radius-px 0", None)]
+)
+def test_a_dark_place_in_a_pad_is_a_hole_unless_cad_has_none(desk: Path, said: str, hole_px: float | None) -> None:
+    result = _reprobe(desk, f"look red.png --around {AROUND} --expected-radius-px 17 {said} --json")
+    assert result.exit_code == 0
+    found = _told(result)["test_points"]["nearest"]["hole_radius_px"]
+    assert found == (None if hole_px is None else pytest.approx(hole_px, abs=0.5))
 
 
 def test_a_control_point(desk: Path, tmp_path: Path) -> None:
@@ -179,11 +191,15 @@ def test_nothing_found_is_said_with_its_reason_and_drawn_all_the_same(desk: Path
         ("look red.png --around 428,620 --arm-px 60", "--control-point"),
         ("look cross.png --control-point", "--around"),
         ("look cross.png --control-point --around 1,2 --red red.png", "one white picture"),
-        ("look red.png --around nan,620", "no place in a picture"),
+        ("look red.png --around nan,620", "is no place"),
         ("look red.png --around 428", "X,Y"),
         ("look red.png --around 1600,620", "outside the picture"),
         ("look red.png --around 428,620 --reach-px nan", "reach_px"),
         ("look red.png --around 428,620 --expected-radius-px 1e9", "expected_radius_px"),
+        ("look red.png --around 428,620 --expected-hole-radius-px -1", "expected_hole_radius_px"),
+        ("look red.png --around 428,620 --expected-radius-px 9 --expected-hole-radius-px 9", "less than the pad's"),
+        ("look --white white.png --probe probe.npz --expected-hole-radius-px 4", "--red"),
+        ("look cross.png --control-point --around 428,620 --expected-hole-radius-px 4", "one white picture"),
         ("look cross.png --control-point --around 428,620 --reach-px 1", "reach_px"),
         ("look gone.png --around 1,2", "cannot read"),
         ("look probe.npz --around 1,2", "not a picture"),
@@ -355,3 +371,61 @@ def test_numbers_that_json_cannot_hold_are_null() -> None:
     facts = [tip_facts(find_tip(white_frame(NEEDLE, Camera(), 1, 0.3), model), model)]
     facts.append(seen_facts(find_test_points(red_frame(PADS, NEEDLE, Camera(), 2), NEEDLE.tip), NEEDLE.tip))
     json.dumps(facts, allow_nan=False)
+
+
+# --- a board's CAD over a stored picture --------------------------------------------------------------------------
+
+
+def _board_file(folder: Path, *, layers: bool) -> Path:
+    pad = cad_pad("R1.1", 15_000.0, 12_000.0)
+    board = cad_board(pad)
+    path = folder / ("board.json" if layers else "old.json")
+    (board if layers else board.model_copy(update={"layers": None})).save(path)
+    return path
+
+
+def _map_file(folder: Path) -> Path:
+    path = folder / "map.json"
+    path.write_text(exact_map().to_json())
+    return path
+
+
+@pytest.mark.parametrize("missing", ["--board", "--at", "--map"])
+def test_board_at_and_map_belong_together(desk: Path, tmp_path: Path, missing: str) -> None:
+    given = {"--board": _board_file(tmp_path, layers=True), "--at": "R1.1", "--map": _map_file(tmp_path)}
+    options = [str(part) for name, value in given.items() if name != missing for part in (name, value)]
+    result = runner.invoke(app, ["look", "--red", str(desk / "red.png"), "--around", AROUND, *options])
+    assert result.exit_code == 2
+    assert "belong together" in result.output
+
+
+@pytest.mark.parametrize(
+    ("at", "layers", "map_name", "says"),
+    [
+        ("R9.9", True, "map.json", "has no test point R9.9"),
+        ("1,x", True, "map.json", "is not X,Y"),
+        ("R1.1", False, "map.json", "no layers"),
+        ("R1.1", True, "nowhere.json", "cannot read"),
+    ],
+)
+def test_what_makes_no_sense_of_a_board_is_refused_in_a_sentence(
+    desk: Path, tmp_path: Path, at: str, layers: bool, map_name: str, says: str
+) -> None:
+    board = _board_file(tmp_path, layers=layers)
+    _map_file(tmp_path)
+    arguments = ["--board", str(board), "--at", at, "--map", str(tmp_path / map_name)]
+    result = runner.invoke(app, ["look", "--red", str(desk / "red.png"), "--around", AROUND, *arguments])
+    assert result.exit_code == 2
+    assert says in re.sub(r"\s+", " ", result.output)
+    assert "Traceback" not in result.output
+
+
+def test_a_picture_of_something_else_is_not_registered_and_drawn_all_the_same(desk: Path, tmp_path: Path) -> None:
+    board, sheet = _board_file(tmp_path, layers=True), tmp_path / "look.png"
+    arguments = ["--board", str(board), "--at", "R1.1", "--map", str(_map_file(tmp_path)), "-o", str(sheet), "--json"]
+    result = runner.invoke(app, ["look", "--red", str(desk / "red.png"), "--around", AROUND, *arguments])
+    assert result.exit_code == 1
+    told = json.loads(result.stdout)["board"]
+    assert told["found"] is False
+    assert told["reason"] in ("not_this_board", "no_board", "wrong_place", "ambiguous")
+    assert sheet.is_file()

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from daemon.cli.progress import in_force_words
+from daemon.cli.progress import figure_words, in_force_words
 
 
 @pytest.mark.parametrize(
@@ -18,3 +18,14 @@ from daemon.cli.progress import in_force_words
 )
 def test_which_calibration_is_in_force_is_said_with_its_time(detail: dict[str, Any], words: str) -> None:
     assert in_force_words(detail) == words
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        ({"verified": True, "places": 4, "agreement": 0.953}, "verified yes, places 4, agreement 0.953"),
+        ([36.8, 55.8], "36.8, 55.8"), ([], ""), (True, "yes"), (None, "none"), ("map", "map"), (14937.7, "14937.7"),
+    ],
+)  # fmt: skip
+def test_a_results_figures_are_no_python(value: object, words: str) -> None:
+    assert figure_words(value) == words

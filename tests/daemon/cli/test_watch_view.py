@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
+import time
 from typing import Any
 
+import pytest
 from rich.console import Console
 
 from daemon.cli.watch_view import SILENT_S, WatchView
-from daemon.domain.results import JobResult
+from daemon.domain.results import ErrorBody, JobResult
 from daemon.platform.clock import utc_now
 
 SNAPSHOT: dict[str, Any] = {
@@ -108,3 +111,105 @@ def test_an_event_that_was_overtaken_is_taken_and_is_no_gap() -> None:
     assert not view.take(_result(10, "TP7"), 1.0)
     assert (view.missed, [result.seq for result in view.results], view.next_seq) == (0, [10], 12)
     assert "missed, last" not in _text(view)
+
+
+# --- at 80 x 24 -------------------------------------------------------------------------------------------------------
+
+FAULT = {
+    "name": "drive_fault", "code": 3104, "message": "axis z reports following error 8611h at 5210 um",
+    "advice": "See that nothing blocks Z, then `reprobe reset`.", "detail": {},
+}  # fmt: skip
+
+
+def _screen(view: WatchView) -> list[str]:
+    console = Console(width=80, height=24, record=True, file=open("/dev/null", "w"))  # noqa: PTH123, SIM115
+    with console.file:
+        console.print(view.render(1.0, 80, 24))
+        return console.export_text().splitlines()
+
+
+def test_cause_and_cure_come_first_and_alerts_stand_above_what_was() -> None:
+    view = _view()
+    for seq in range(10, 20):
+        view.take(_result(seq, f"TP{seq}"), 1.0)
+    for seq in range(20, 27):
+        view.take(_event("alert", seq, name=f"watch_{seq}", raised=True, message="the white ring is darker " * 3), 1.0)
+    view.take(_event("state", 27, state="fault", was="look", event="failed", job=None, fault=FAULT), 1.0)
+    screen = _screen(view)
+    assert len(screen) <= 24, "nothing falls off the bottom"
+    head = " ".join(line.strip("\u2502 ") for line in screen[1:4])
+    assert head.startswith("fault drive_fault: axis z reports following error 8611h at 5210 um")
+    assert "-> See that nothing blocks Z, then `reprobe reset`." in head
+    text = "\n".join(screen)
+    assert text.index("watch_20") < text.index("last results")
+    assert "and 3 more" in text
+    assert "TP19" in text
+    assert "no alerts" not in text
+
+
+def _failed(seq: int, point: str) -> dict[str, Any]:
+    error = ErrorBody.model_validate({
+        "name": "frame_unusable", "code": 2301, "advice": "see whether the white ring shines during a look: if not, "
+        "check its plug, its lamp and its relay channel", "detail": {},
+        "message": "the picture under white light is dark: nothing brighter than level 9",
+    })  # fmt: skip
+    result = JobResult(id=f"j{seq}", op="correct", ok=False, seq=seq, station="s1", finished_at=utc_now(),
+                       outcome="failed", test_point=point, error=error)  # fmt: skip
+    return _event("result", **result.model_dump(mode="json", exclude={"station"}))
+
+
+def test_the_newest_result_that_failed_is_spelt_out_with_its_cure_where_there_is_room() -> None:
+    view = _view()
+    for seq in range(10, 18):
+        view.take(_failed(seq, f"TP{seq}"), 1.0)
+    screen = _screen(view)
+    assert len(screen) <= 24
+    text = " ".join(line.strip("\u2502 ") for line in screen)
+    assert "is dark: nothing brighter than level 9" in text
+    assert "no alerts; the last job failed" in text
+    assert "-> see whether the white ring shines" in text
+    assert "its relay channel" in text
+    assert text.index("TP17 failed") < text.index("TP16 failed"), "the one before has its line"
+    assert len(re.findall(r"\d\d:\d\d:\d\d", text)) >= 5, "each with its time"
+
+
+def test_a_long_result_takes_no_time_from_the_screen_and_a_job_stays_in_one_line() -> None:
+    view = _view()
+    view.take(_failed(10, "TP1"), 1.0)
+    view.take(_result(11, "TP2"), 1.0)
+    job = {
+        "job": "calibrate-939bef4dc700",
+        "op": "calibrate",
+        "done": 3,
+        "total": 12,
+        "doing": "touching the test point",
+    }
+    view.take(_event("progress", 12, **job), 1.0)
+    screen = _screen(view)
+    assert all(len(line) == 80 for line in screen)
+    running = [line for line in screen if "running" in line or "touching" in line]
+    assert len(running) == 1
+    assert "3/12" in running[0]
+    assert any(re.search(r"\d\d:\d\d:\d\d correct TP1 failed", line) for line in screen)
+
+
+def test_a_fault_without_its_cause_is_asked_for_and_never_green() -> None:
+    view = _view()
+    assert view.take(_event("heartbeat", 10, state="fault", version="1"), 1.0), "a snapshot is asked for"
+    assert "no alerts beside the fault" in _text(view)
+    view.take_snapshot({**SNAPSHOT, "state": "fault", "fault": FAULT, "next_seq": 11}, 1.0)
+    assert not view.take(_event("heartbeat", 11, state="fault", version="1"), 1.0)
+
+
+def test_times_are_those_of_the_wall_clock(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TZ", "Asia/Tokyo")
+    time.tzset()
+    try:
+        view = _view()
+        event = _result(10, "TP7")
+        event["finished_at"] = "2025-03-04T20:15:00+00:00"
+        view.take(event, 1.0)
+        assert "05:15:00" in _text(view)
+    finally:
+        monkeypatch.undo()
+        time.tzset()

@@ -6,12 +6,14 @@ import asyncio
 import contextlib
 import os
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 
+from daemon.config.current import CurrentSettings
 from daemon.config.model import Config, ConfigError, load_config
 from daemon.config.reload import LIVE, Change, Reloader, differences, read_change
+from daemon.domain.board import Board
 from daemon.tools.demo.settings import Places, write_settings
 
 BOARD = """{"name": "b", "side": "top", "width_um": 1000.0, "height_um": 1000.0, "points": []}"""
@@ -97,7 +99,8 @@ def test_every_name_that_may_change_live_exists() -> None:
         assert section in Config.model_fields
         if field:
             annotation: Any = Config.model_fields[section].annotation
-            assert field in annotation.model_fields
+            models = [one for one in get_args(annotation) or (annotation,) if one is not type(None)]
+            assert all(field in model.model_fields for model in models)
 
 
 def test_a_torn_file_an_unknown_key_and_a_missing_board_are_refused_with_their_places(file: Path) -> None:
@@ -231,3 +234,21 @@ async def test_whatever_reading_raises_the_daemon_goes_on_with_what_it_had(
         assert what == "refused"
         assert facts["problems"] == [["(file)", "reading it failed: MemoryError: too much"]]
     serving.cancel()
+
+
+def test_what_was_refused_stands_with_its_lines_until_a_file_is_taken(file: Path) -> None:
+    settings = CurrentSettings(config := load_config(file), Board.load(config.board.file))
+    assert settings.refused == ()
+    good = file.read_text()
+    file.write_text(good.replace("[api]", '[api]\nquick = "yes"'))
+    with pytest.raises(ConfigError) as caught:
+        read_change(file, config)
+    settings.note_reload("refused", {"problems": [list(problem) for problem in caught.value.placed()]})
+    settings.note_reload("begun", {})
+    settings.note_reload("waits", {})
+    line = file.read_text().splitlines().index('quick = "yes"') + 1
+    assert len(settings.refused) == 1
+    assert settings.refused[0].startswith("api.quick: ")
+    assert settings.refused[0].endswith(f"(line {line})")
+    settings.note_reload("taken", {"changed": []})
+    assert settings.refused == ()

@@ -14,6 +14,7 @@ class MemoryJournal:
     """What job runner and supervisor ask of a journal."""
 
     def __init__(self) -> None:
+        self.runs = None
         self.jobs: dict[str, StoredJob] = {}
         self.steps: list[tuple[str, str, dict[str, Any]]] = []
         self.things: dict[str, dict[str, Any]] = {}
@@ -21,6 +22,9 @@ class MemoryJournal:
         self.step_error: Exception | None = None
         self.before_result: Callable[[], Awaitable[None]] | None = None
         """Waited for before a result is written."""
+
+    async def mark_of(self, _board: str, _side: str, _point: str) -> None:
+        """Nobody said anything of any point."""
 
     async def reserve_seqs(self) -> None:
         return

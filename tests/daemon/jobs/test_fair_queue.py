@@ -14,6 +14,7 @@ from daemon.jobs.runner import JobRunner
 from daemon.server.rate_limit import BUCKETS, RateLimit
 from daemon.storage.journal import Journal
 from daemon.wire.operations.jobs import Place
+from tests.daemon.clock import Clock
 from tests.daemon.jobs.surroundings import LIMITS, surroundings
 
 
@@ -87,15 +88,8 @@ async def test_jobs_are_bounded_per_client_and_in_all_and_the_refusal_names_both
     await journal.close()
 
 
-class _Clock:
-    now_s = 0.0
-
-    def __call__(self) -> float:
-        return self.now_s
-
-
 def test_a_burst_is_taken_and_more_is_refused_with_how_long_to_wait() -> None:
-    clock = _Clock()
+    clock = Clock(0.0)
     limit = RateLimit(per_s=10.0, burst=5, now_s=clock)
     for _ in range(5):
         limit.spend("a")
@@ -116,7 +110,7 @@ def test_a_burst_is_taken_and_more_is_refused_with_how_long_to_wait() -> None:
 
 
 def test_however_many_clients_come_only_so_many_are_remembered() -> None:
-    limit = RateLimit(per_s=1.0, burst=1, now_s=_Clock())
+    limit = RateLimit(per_s=1.0, burst=1, now_s=Clock())
     for n in range(3 * BUCKETS):
         limit.spend(str(n))
     assert limit.remembered == BUCKETS

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
+import hashlib
 import os
 import re
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -11,17 +14,25 @@ from typing import Any
 import numpy as np
 import pytest
 
+from daemon.domain.point_test import PointRecord, PointVerdict
 from daemon.domain.results import JobResult
+from daemon.domain.states import State
+from daemon.jobs.context import JobContext
 from daemon.jobs.image_archive import ImageArchive
 from daemon.platform.clock import utc_now
+from daemon.station.station import LookResult
 from daemon.wire.operations.jobs import Correct, Look
+from drivers.deadline import Deadline
+from drivers.gantry import Position
 from vision import NotFound, Reason
+from vision.annotate import Landing
 
 
 def _look() -> Any:
     frame = SimpleNamespace(pixels=np.random.default_rng(1).integers(0, 255, (240, 320, 3), dtype=np.uint8))
     missing = NotFound(Reason.NO_NEEDLE, "nothing looks like it")
-    return SimpleNamespace(white=frame, red=frame, tip=missing, seen=None, expected_tip_px=(100.0, 100.0))
+    return SimpleNamespace(white=frame, red=frame, tip=missing, seen=None, board=None, landing=None,
+                           expected_tip_px=(100.0, 100.0))  # fmt: skip
 
 
 def _job() -> Any:
@@ -47,6 +58,44 @@ def test_which_jobs_keep_pictures(tmp_path: Path, which: Any, failed: bool, kept
 
 def test_a_look_that_asks_for_pictures_gets_them(tmp_path: Path) -> None:
     assert ImageArchive(tmp_path, "none", 10.0).folder_for(Look(op="look", id="a", pictures=True), failed=False)
+
+
+def _record(verdict: PointVerdict, looks: int = 2) -> PointRecord:
+    return PointRecord(
+        point="U1.14", net="CLK", board_id=None, method="continuity", limits=None, verdict=verdict, looks=looks,
+        seconds=1.0, at=utc_now(),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("which", "verdict", "kept"),
+    [
+        ("all", PointVerdict.PASS_FIRST, True),
+        ("failed", PointVerdict.PASS_FIRST, False),
+        ("failed", PointVerdict.PASS_RECOVERED, True),
+        ("failed", PointVerdict.CONTACT_NOT_MADE, True),
+        ("none", PointVerdict.CONTACT_NOT_MADE, False),
+    ],
+)
+def test_which_points_keep_pictures(tmp_path: Path, which: Any, verdict: PointVerdict, kept: bool) -> None:
+    pictures = ImageArchive(tmp_path, which, 10.0)
+    assert (pictures.folder_for_point("run-1", _record(verdict)) is not None) == kept
+    assert pictures.folder_for_point("run-1", _record(verdict, looks=0)) is None
+
+
+async def test_each_point_of_a_job_has_a_folder_of_its_own_that_goes_with_the_quota(tmp_path: Path) -> None:
+    pictures, record = ImageArchive(tmp_path, "all", 0.1), _record(PointVerdict.PASS_RECOVERED)
+    first = pictures.folder_for_point("run-1", record)
+    second = pictures.folder_for_point("run-2", record)
+    assert first is not None
+    assert second is not None
+    await pictures.keep_point(first, "run-1", (_look(), _look()), record)
+    names = {file.name for file in first.iterdir()}
+    assert {"before-white.jpg", "before-red.jpg", "after-white.jpg", "after-red.jpg", "result.json"} <= names
+    os.utime(first, (1.0, 1.0))
+    await pictures.keep_point(second, "run-2", (_look(), None), record)
+    assert not first.exists()
+    assert second.exists()
 
 
 @pytest.mark.parametrize("job_id", ["../../etc/passwd", "a/b", ".", "..", "ä ö", "x" * 128])
@@ -153,3 +202,78 @@ async def test_nothing_is_written_through_a_link(tmp_path: Path) -> None:
     (folder / "job2" / "before-white.jpg").symlink_to(victim)
     await pictures.keep(folder / "job2", _job(), _result("job2"))
     assert victim.read_text() == "untouched"
+
+
+async def test_kept_pictures_are_listed_and_read_by_job_and_name_alone(tmp_path: Path) -> None:
+    archive = ImageArchive(tmp_path / "pictures", "all", 10.0)
+    folder = archive.folder_for(_request("board/7"), failed=False)
+    assert folder is not None
+    await archive.keep(folder, _job(), _result("board/7"))
+    assert list(await archive.hashes_of("board/7")) == ["before-white", "before-red", "before-tip"]
+    white = await archive.picture("board/7", "before-white")
+    assert white is not None
+    assert white[:2] == b"\xff\xd8"
+    assert (await archive.hashes_of("board/7"))["before-white"] == hashlib.sha256(white).hexdigest()
+    assert await archive.hashes_of("nobody") == {}
+    for which in ("after-white", "result", "../board_7/before-white", "before-white.jpg", "before-white/", ""):
+        assert await archive.picture("board/7", which) is None, which
+
+
+async def test_a_link_in_the_place_of_a_picture_or_its_folder_is_not_followed(tmp_path: Path) -> None:
+    archive = ImageArchive(tmp_path / "pictures", "all", 10.0)
+    folder = archive.folder_for(_request("a"), failed=False)
+    assert folder is not None
+    await archive.keep(folder, _job(), _result("a"))
+    secret = tmp_path / "secret"
+    secret.write_text("secret")
+    (folder / "before-white.jpg").unlink()
+    (folder / "before-white.jpg").symlink_to(secret)
+    assert "before-white" not in await archive.hashes_of("a")
+    assert await archive.picture("a", "before-white") is None
+    (tmp_path / "pictures" / "b").symlink_to(folder)
+    assert await archive.hashes_of("b") == {}
+    assert await archive.picture("b", "before-red") is None
+
+
+async def test_a_pipe_in_the_place_of_a_picture_or_its_numbers_is_not_waited_for(tmp_path: Path) -> None:
+    archive = ImageArchive(tmp_path / "pictures", "all", 10.0)
+    folder = archive.folder_for(_request("a"), failed=False)
+    assert folder is not None
+    folder.mkdir(parents=True)
+    os.mkfifo(folder / "before-white.jpg")
+    async with asyncio.timeout(20.0):
+        assert await archive.picture("a", "before-white") is None
+        await archive.keep(folder, _job(), _result("a"))
+    assert archive.full is not None, "that it was not kept is told"
+
+
+async def test_looks_that_found_the_target_leave_a_picture_of_where_the_needle_comes_down(tmp_path: Path) -> None:
+    job = _context()
+    for off_um in (287.0, 4.0):
+        look = _seen()
+        job.saw(look)
+        job.aimed(replace(look, landing=_landing(off_um)))
+    job.saw(_seen())
+    assert job.first_look is not None
+    assert job.first_look.landing is not None
+    assert job.first_look.landing.off_um == 287.0
+    await ImageArchive(tmp_path, "all", 10.0).keep(tmp_path / "job", job, _result("job"))
+    assert {file.name for file in (tmp_path / "job").glob("*landing*")} == {"before-landing.jpg"}
+    job.forget_looks()
+    assert (job.first_look, job.last_look) == (None, None)
+
+
+def _context() -> JobContext:
+    async def keep(_kind: str, _body: dict[str, Any]) -> None:
+        return None
+
+    return JobContext(_request(), Deadline(1e9), lambda _event: State.LOOK, keep, lambda *_: None)
+
+
+def _landing(off_um: float) -> Landing:
+    return Landing((100.0, 100.0), (104.0, 108.0), (120.0, 110.0), None, off_um)
+
+
+def _seen() -> LookResult:
+    frame: Any = SimpleNamespace(pixels=np.full((240, 320, 3), 120, dtype=np.uint8))
+    return LookResult(frame, frame, Position(0.0, 0.0, 0.0, 0.0), None, None)

@@ -13,6 +13,7 @@ from typing import Any, cast
 
 import pytest
 
+from daemon.domain.contact import ContactFacts
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.results import JobResult
 from daemon.domain.states import Event, State
@@ -22,6 +23,7 @@ from daemon.jobs.runner import JobRunner
 from daemon.platform.clock import utc_now
 from daemon.station.needle import Needle
 from daemon.storage.journal import Journal
+from daemon.wire.example_parts import CONTACT
 from daemon.wire.operations.jobs import AnyJob, Home, Place
 from daemon.wire.operations.table import OPERATIONS
 from drivers.errors import CameraError, EmergencyStop, LightError, LimitHit, LinkTimeout, Stalled
@@ -30,6 +32,7 @@ from tests.daemon.jobs.memory_journal import MemoryJournal
 from tests.daemon.jobs.surroundings import LIMITS, Published, idle_latch, surroundings
 
 SAFE_UM, WORK_UM, TOUCH_UM, PRESSED_UM = 12_000.0, 5_200.0, 5_000.0, 4_900.0
+OPS = ("home", "lift", "place", "look", "correct", "touch", "run", "jog")
 HOME = Home(op="home", id="a")
 WRITTEN = HOME.model_dump_json(exclude={"wait", "deadline_ms"})
 Body = Callable[[JobContext], Awaitable[Outcome]]
@@ -146,7 +149,7 @@ class _Line:
             surroundings(
                 latch=self.latch, journal=self.journal, publisher=self.published, images=self.images,
                 observer=self.observer, context=lambda: self.context if self.open else None,
-                on_result=self.results.append, procedures=dict.fromkeys(("home", "lift", "place", "look"), self._run),
+                on_result=self.results.append, procedures=dict.fromkeys(OPS, self._run),
                 limits=lambda: replace(LIMITS, queue_length=30, queue_per_client=30), **more,
             )
         )  # fmt: skip
@@ -367,6 +370,60 @@ async def test_a_job_cancelled_while_it_waits_never_begins(tmp_path: Path) -> No
                 line.runner.cancel(unknown)
             assert caught.value.kind is FaultCode.UNKNOWN_JOB
     assert "run waiting" not in line.did
+
+
+async def test_only_a_run_that_is_under_way_is_paused(tmp_path: Path) -> None:
+    gate = _Gate()
+    async with _line(tmp_path, gate) as line:
+        look = await line.ask(job_id="look")
+        await gate.began.wait()
+        for name in (None, "look"):
+            with pytest.raises(Fault) as caught:
+                line.runner.pause(name)
+            assert caught.value.kind is FaultCode.UNKNOWN_JOB
+        gate.may_end.set()
+        await look
+    gate, jobs = _Gate(), []
+
+    async def running(job: JobContext) -> Outcome:
+        jobs.append(job)
+        return await gate(job)
+
+    async with _line(tmp_path, running) as line:
+        run = await line.ask("run", job_id="run", plan="six", board_id="b17")
+        await gate.began.wait()
+        with pytest.raises(Fault, match="no such run"):
+            line.runner.pause("other")
+        assert not jobs[0].pausing
+        assert line.runner.pause(None) == line.runner.pause("run") == "run"
+        assert jobs[0].pausing
+        gate.may_end.set()
+        await run
+
+
+async def test_a_jog_is_never_queued_and_the_same_one_is_taken_once(tmp_path: Path) -> None:
+    gate = _Gate()
+    step = {"axis": "x", "by_um": 100.0}
+    async with _line(tmp_path, gate) as line:
+        look = await line.ask(job_id="look")
+        for _ in range(2):  # while the look waits for its turn, and while it runs
+            with pytest.raises(Fault) as caught:
+                await line.ask("jog", "early", **step)
+            assert caught.value.kind is FaultCode.BUSY
+            await gate.began.wait()
+        gate.may_end.set()
+        await look
+        gate.began.clear()
+        gate.may_end.clear()
+        first = await line.ask("jog", "one", **step)
+        await gate.began.wait()
+        assert await line.ask("jog", "one", **step) is first
+        with pytest.raises(Fault) as caught:
+            await line.ask("jog", "two", **step)
+        assert caught.value.kind is FaultCode.BUSY
+        gate.may_end.set()
+        assert (await first).ok
+    assert [did for did in line.did if did.startswith("run")] == ["run look", "run one"]
 
 
 async def test_a_job_that_runs_out_of_time_stops_and_leaves_idle(tmp_path: Path) -> None:
@@ -883,3 +940,179 @@ async def test_a_job_that_would_begin_with_the_needle_down_is_refused_and_latche
         assert "run j" not in line.did
         assert line.latch.fault is not None
         assert line.latch.fault.kind is FaultCode.NEEDLE_DOWN
+
+
+# --- touches --------------------------------------------------------------------------------------------------------
+
+CONTACT_FACTS = ContactFacts(**CONTACT | {"id": "t", "test_point": "TP1"})
+
+
+class _Touch:
+    """A touch whose needle stands until it is lifted."""
+
+    def __init__(self, line: Callable[[], _Line]) -> None:
+        self._line = line
+        self.stands = asyncio.Event()
+        self.due_s = 0.0
+
+    async def __call__(self, job: JobContext) -> Outcome:
+        self.due_s = job.deadline.remaining_s
+        for event in (Event.ACCEPTED, Event.SEEN, Event.ARRIVED):
+            job.fire(event)
+        self._line().station.at(PRESSED_UM)
+        job.touching.held.stands(CONTACT_FACTS, lease_ms=30_000.0, hold_ms=60_000.0)
+        job.touching.made(CONTACT_FACTS)
+        self.stands.set()
+        ended = await job.touching.held.wait(60.0)
+        if ended != "lift":
+            raise Fault(FaultCode.LEASE_EXPIRED)
+        self._line().station.at(WORK_UM)
+        return Outcome("touched", test_point="TP1")
+
+
+def _contacts(line: _Line) -> list[tuple[str, str]]:
+    return [(body["change"], body["job"]) for topic, body in line.published.events if topic == "contact"]
+
+
+@asynccontextmanager
+async def _touching(folder: Path) -> AsyncIterator[tuple[_Line, _Touch]]:
+    body = _Touch(lambda: line)
+    async with _line(folder, body) as line:
+        yield line, body
+
+
+async def test_a_held_touch_is_told_of_and_reached_by_its_id_until_it_is_lifted(tmp_path: Path) -> None:
+    async with _touching(tmp_path) as (line, body):
+        done = await line.ask("touch", "t", test_point="TP1", hold_ms=60_000)
+        await body.stands.wait()
+        held = line.runner.touch("t")
+        assert held is not None
+        assert (line.runner.contact, line.runner.result_of("t")) == (CONTACT_FACTS, done)
+        assert (line.latch.state, _contacts(line)) == (State.VERIFY, [("made", "t")])
+        held.lift("", {})
+        assert (await done).outcome == "touched"
+        assert _contacts(line) == [("made", "t"), ("lifted", "t")]
+        assert (line.runner.touch("t"), line.runner.contact, line.latch.state) == (None, None, State.IDLE)
+
+
+async def test_a_cancelled_touch_is_raised_first_and_then_told_to_be_lifted(tmp_path: Path) -> None:
+    async with _touching(tmp_path) as (line, body):
+        done = await line.ask("touch", "t", test_point="TP1", hold_ms=60_000)
+        await body.stands.wait()
+        line.runner.cancel("t")
+        result = await done
+        assert result.error is not None
+        assert (result.error.name, line.latch.state) == ("cancelled", State.IDLE)
+        assert line.did[:4] == ["run t", "stop", "raise", "dark"]
+        assert _contacts(line) == [("made", "t"), ("lifted", "t")]
+
+
+async def test_a_needle_that_could_not_be_raised_is_not_told_to_be_lifted(tmp_path: Path) -> None:
+    async with _touching(tmp_path) as (line, body):
+        done = await line.ask("touch", "t", test_point="TP1", hold_ms=60_000)
+        await body.stands.wait()
+        line.station.lift_error = Stalled("stuck", device="z")
+        line.runner.cancel("t")
+        await done
+        assert _contacts(line) == [("made", "t")]
+        assert line.runner.contact is None
+        assert line.latch.state is State.FAULT
+
+
+async def test_a_lease_that_ran_out_is_no_fault_of_the_station(tmp_path: Path) -> None:
+    async with _line(tmp_path, _raising(Fault(FaultCode.LEASE_EXPIRED), Event.ACCEPTED, Event.SEEN)) as line:
+        seen: list[Event] = []
+        line.latch.subscribe(lambda change: seen.append(change.event))
+        assert (await line.do("touch", test_point="TP1")).error is not None
+        assert seen[-1] is Event.CANCELLED
+
+
+async def test_a_touch_has_the_time_of_its_hold_beside_that_of_any_job(tmp_path: Path) -> None:
+    async with _touching(tmp_path) as (line, body):
+        await line.ask("touch", "t", test_point="TP1", hold_ms=600_000)
+        await body.stands.wait()
+        assert body.due_s > 600.0
+        held = line.runner.touch("t")
+        assert held is not None
+        held.lift("", {})
+
+
+async def test_a_touch_belongs_to_the_key_of_the_client_that_asked_for_it(tmp_path: Path) -> None:
+    async with _touching(tmp_path) as (line, body):
+        request = cast("AnyJob", OPERATIONS.parse({"op": "touch", "id": "t", "test_point": "TP1", "hold_ms": 60_000}))
+        done = await line.runner.submit(request, "tester-1", "tester-1")
+        await body.stands.wait()
+        held = line.runner.touch("t")
+        assert held is not None
+        with pytest.raises(Fault) as stranger:
+            held.lift("tester-2", {})
+        assert stranger.value.kind is FaultCode.NOT_THE_HOLDER
+        held.lift("tester-1", {})
+        assert (await done).ok
+
+
+@pytest.mark.parametrize(("op", "seen"), [("place", False), ("correct", True)])
+async def test_a_job_that_put_the_head_over_a_point_is_remembered_with_its_client(
+    tmp_path: Path, op: str, *, seen: bool
+) -> None:
+    async with _line(tmp_path, _looked) as line:
+        request = cast("AnyJob", OPERATIONS.parse({"op": op, "id": "p", "test_point": "TP1"}))
+        assert (await (await line.runner.submit(request, "tester-1", "tester-1"))).ok
+        needle = line.station.needle
+        assert needle.position is not None
+        assert needle.stand.require("TP1", "tester-1", needle.position, 60.0) is seen
+
+
+async def test_a_job_that_failed_put_the_head_over_nothing(tmp_path: Path) -> None:
+    async with _line(tmp_path, _raising(Fault(FaultCode.NOT_CONVERGING), Event.ACCEPTED)) as line:
+        await line.do("correct", test_point="TP1")
+        needle = line.station.needle
+        assert needle.position is not None
+        with pytest.raises(Fault):
+            needle.stand.require("TP1", "", needle.position, 60.0)
+
+
+async def _stood(line: _Line) -> Position:
+    """Have the head put over TP1, and seen to be there; return where it stands."""
+    line.body = _looked
+    assert (await line.do("correct", "first", test_point="TP1")).ok
+    position = line.station.needle.position
+    assert position is not None
+    assert line.station.needle.stand.require("TP1", "", position, 60.0)
+    return position
+
+
+@pytest.mark.parametrize("op", ["place", "correct", "look"])
+async def test_a_point_that_was_seen_before_is_stood_over_no_longer_once_the_eye_has_refused_it(
+    tmp_path: Path, op: str
+) -> None:
+    async with _line(tmp_path) as line:
+        position = await _stood(line)
+        line.body = _raising(Fault(FaultCode.TARGET_NOT_CONFIRMED), Event.ACCEPTED)
+        assert not (await line.do(op, "second", test_point="TP1")).ok
+        with pytest.raises(Fault) as caught:
+            line.station.needle.stand.require("TP1", "", position, 60.0)
+        assert caught.value.kind is FaultCode.NOT_AT_TEST_POINT
+
+
+@pytest.mark.parametrize("named", [{}, {"test_point": "TP2"}])
+async def test_a_look_for_something_else_takes_no_stand_away(tmp_path: Path, named: dict[str, str]) -> None:
+    async with _line(tmp_path) as line:
+        position = await _stood(line)
+        line.body = _raising(Fault(FaultCode.TARGET_NOT_CONFIRMED), Event.ACCEPTED)
+        assert not (await line.do("look", "second", **named)).ok
+        assert line.station.needle.stand.require("TP1", "", position, 60.0)
+
+
+@pytest.mark.parametrize("op", ["place", "look"])
+async def test_a_point_that_was_seen_beside_the_tip_is_not_touched_from_there(tmp_path: Path, op: str) -> None:
+    async def beside(job: JobContext) -> Outcome:
+        return replace(await _looked(job), beside_um=640.0)
+
+    async with _line(tmp_path) as line:
+        position = await _stood(line)
+        line.body = beside
+        assert (await line.do(op, "second", test_point="TP1")).ok
+        with pytest.raises(Fault, match="640 um") as caught:
+            line.station.needle.stand.require("TP1", "", position, 60.0)
+        assert caught.value.kind is FaultCode.LOOK_NEEDED

@@ -16,11 +16,13 @@ import pytest
 from daemon.config.current import CurrentSettings
 from daemon.config.model import MaintenanceSection, load_config
 from daemon.domain.errors import Fault, FaultCode
+from daemon.domain.point_test import PointVerdict
 from daemon.domain.results import ErrorBody, JobResult
 from daemon.maintenance.monitor import QUEUE, Monitor
 from daemon.storage.calibration_store import Calibrations
 from daemon.storage.journal import Journal
 from daemon.tools.demo.settings import Places, write_settings
+from tests.daemon.domain.test_board_run import a_record
 
 REFUSED = ErrorBody(code=2101, name="tip_not_found", message="", advice="")
 
@@ -195,6 +197,22 @@ async def test_touches_reported_one_by_one_are_written_twenty_at_a_time(tmp_path
         shares = [numbers["correction_share"] for numbers in rows if "correction_share" in numbers]
         assert shares == [[1.0, 20.0], [0.0, 20.0]]
         assert monitor.overview()["touches"] == 40
+
+
+async def test_points_are_written_twenty_at_a_time_and_the_rest_when_the_daemon_ends(tmp_path: Path) -> None:
+    async with _station(tmp_path) as station:
+        monitor = station.monitor
+        monitor.on_step("run-1", "move", {"on": "reference pad", "ohm": 0.25, "good": True})
+        for number in range(25):
+            verdict = PointVerdict.PASS_FIRST if number % 5 else PointVerdict.CONTACT_NOT_MADE
+            monitor.on_point(a_record(str(number), verdict))
+        await _settled(monitor)
+        await monitor.close()
+        rows = [body["numbers"] for *_, body in await station.journal.measurements(0, 100)]
+        assert [numbers["first_touch_misses"] for numbers in rows if "first_touch_misses" in numbers] == [
+            [4.0, 20.0], [1.0, 5.0],
+        ]  # fmt: skip
+        assert [numbers["reference_ohms"] for numbers in rows if "reference_ohms" in numbers] == [[0.25]]
 
 
 async def test_corrections_of_touches_that_nobody_reported_are_no_share_of_others(tmp_path: Path) -> None:

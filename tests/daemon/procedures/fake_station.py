@@ -7,9 +7,11 @@ truth: where the board, its pads, the printed cross and the surface really are.
 
 from __future__ import annotations
 
+import asyncio
 import json
 import math
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AsyncExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -17,23 +19,25 @@ from typing import Any, cast
 
 import numpy as np
 
-from daemon.config.model import Config, load_config
+from daemon.config.model import Config, Section, load_config
 from daemon.domain.board import Board, BoardPoint
 from daemon.domain.states import Event, Machine, State
-from daemon.jobs.context import JobContext, Outcome, Procedure, StationContext
+from daemon.jobs.context import JobContext, MarkOf, Outcome, Procedure, StationContext, Touching, nothing_said
 from daemon.platform.clock import utc_now
 from daemon.station.allowance import Clocked
+from daemon.station.board_view import BoardSearch, BoardSeen
 from daemon.station.devices import Hardware
 from daemon.station.kinematics import Geometry
+from daemon.station.needle import Needle
 from daemon.station.station import CrossSearch, LookResult, Search, Station
-from daemon.storage.calibration_records import Aligned, AlignmentRecord, MapRecord, RotationRecord, SurfaceRecord
+from daemon.storage.calibration_records import Aligned, AlignmentRecord, MapRecord, RotationRecord, Seat, SurfaceRecord
 from daemon.storage.calibration_store import Calibrations
 from daemon.wire.operations.jobs import AnyJob
 from daemon.wire.operations.table import OPERATIONS
 from drivers.camera import Frame
 from drivers.deadline import Deadline
-from drivers.errors import EnvelopeViolation
-from drivers.gantry import Position
+from drivers.errors import EnvelopeViolation, FrameLost
+from drivers.gantry import ClearHeight, Position
 from drivers.gantry.contract import axis_theta_deg
 from drivers.lights import Light
 from tests.daemon.tools.report.synthetic import rotation_record, surface_record
@@ -42,6 +46,7 @@ from vision.core.circle_fit import CircleFit, Contour
 from vision.geometry.frames import Rigid2
 from vision.geometry.pose_map import PoseMap
 from vision.head.model import Head, head_to_dict
+from vision.registration import Edges, LayerShifts, Registration
 from vision.tip.silhouette import Silhouette
 from vision.tip.strip import ProbeShape
 
@@ -53,6 +58,8 @@ SHAPE = ProbeShape(end_to_rim_px=60.0, marking_px=20.0, end_half_px=1.5, taper_s
 HOMOGRAPHY = np.array([[12.1, 0.5, -9000.0], [0.4, -11.4, 7000.0], [1e-5, 2e-5, 1.0]])
 RADIUS_UM = 900.0
 WORK_Z_UM, HOVER_UM, PRESS_UM = 5200.0, 200.0, 200.0
+
+SENSE_INPUT = 4
 
 Edit = Callable[[LookResult], LookResult]
 
@@ -109,6 +116,20 @@ def doubtful_object(x_px: float, y_px: float, radius_px: float, rule: str = "no_
     return Decided(seen, Verdict.PASS, rule)
 
 
+def registered(
+    target_um: tuple[float, float], target_px: tuple[float, float], shift_um: tuple[float, float], **changes: Any
+) -> Registration:
+    """Return what registration says of a board that is seen clearly."""
+    edges = Edges(1.0, 0.0, 200, 0.0)
+    whole: dict[str, Any] = {
+        "shift_um": shift_um, "turn_deg": 0.0, "target_um": target_um, "target_px": target_px,
+        "covariance_um2": np.eye(2), "sigma_um": 1.0, "sigma_px": 0.1, "off_rest_um": (0.0, 0.0), "agreement": 0.95,
+        "near": edges, "at_target": edges, "metal_seen": 1.0, "log_odds": 200.0, "rivals": (),
+        "levels": {}, "shifts": LayerShifts(),
+    }  # fmt: skip
+    return Registration(**whole | changes)
+
+
 def missing(reason: Reason = Reason.NO_TEST_POINT) -> NotFound:
     """Return an answer that is none."""
     return NotFound(reason, f"it is {reason.value}")
@@ -130,6 +151,8 @@ class FakeGantry:
     moves: list[tuple[Position, frozenset[str]]] = field(default_factory=list)
     slow_z_um: list[float] = field(default_factory=list)
     """Of each move: below which height Z went down slowly."""
+    clear_um: list[float | None] = field(default_factory=list)
+    """Of each move: how low it may go across, None where nobody knows."""
     sticks_at_um: float | None = None
     """Z stays there from now on, whatever it is told, and counts on: lost steps."""
     checked: list[Position] = field(default_factory=list)
@@ -140,6 +163,16 @@ class FakeGantry:
     off_um: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Where a move ends, from its target."""
     first_move: Exception | None = None
+    inputs: set[int] = field(default_factory=set)
+    """Those of the Z drive that are high."""
+    metal_z_um: float | None = None
+    """Input 4 is high from this height down: what a touch sense feels."""
+
+    async def raw_input(self, axis: str, number: int, deadline: Deadline) -> bool:
+        assert axis == "z"
+        self.asked.append(deadline)
+        felt = self.metal_z_um is not None and self.actual.z_um <= self.metal_z_um
+        return number in self.inputs or (felt and number == SENSE_INPUT)
 
     def check(self, target: Position) -> Position:
         self.checked.append(target)
@@ -174,10 +207,12 @@ class FakeGantry:
         *,
         from_above: frozenset[str] = frozenset(),
         slow_z_um: float | None = None,
+        clear: ClearHeight | None = None,
     ) -> Position:
         self.asked.append(deadline)
         self.slow_z_um.append(self.config.gantry.highest_surface_um if slow_z_um is None else slow_z_um)
         self.moves.append((target, from_above))
+        self.clear_um.append(None if clear is None else clear([self.reported, target]))
         trouble = self.failures.get(len(self.moves))
         if trouble is not None:
             raise trouble
@@ -206,9 +241,10 @@ class FakeLights:
     log: list[Light] = field(default_factory=list)
     asked: list[Deadline] = field(default_factory=list)
 
-    async def set(self, light: Light, deadline: Deadline) -> None:
+    async def set(self, light: Light, deadline: Deadline) -> float:
         self.asked.append(deadline)
         self.log.append(light)
+        return time.monotonic()
 
 
 @dataclass
@@ -219,10 +255,36 @@ class FakeCamera:
     pixels: Any = None
     late_s: float = 0.0
     """How long after the asked moment a frame has come."""
+    lost: set[int] = field(default_factory=set)
+    """Which of the frames, counted from 1, do not arrive once they are exposed."""
+    arrives: dict[int, asyncio.Event] = field(default_factory=dict)
+    """What holds a frame back that is exposed."""
 
     async def frame_after(self, t_s: float, deadline: Deadline) -> Frame:
         self.asked.append((t_s, deadline))
         return frame(len(self.asked), t_s, self.late_s, self.pixels)
+
+    async def exposed_after(self, t_s: float, deadline: Deadline) -> FakeExposed:
+        self.asked.append((t_s, deadline))
+        number = len(self.asked)
+        taken = frame(number, t_s, self.late_s, self.pixels)
+        return FakeExposed(None if number in self.lost else taken, taken.received_s, self.arrives.get(number))
+
+
+@dataclass
+class FakeExposed:
+    """A frame that was exposed; None: it is lost."""
+
+    taken: Frame | None
+    over_s: float
+    arrives: asyncio.Event | None
+
+    async def frame(self, _deadline: Deadline) -> Frame:
+        if self.arrives is not None:
+            await self.arrives.wait()
+        if self.taken is None:
+            raise FrameLost("torn", device="camera")
+        return self.taken
 
 
 def frame(sequence: int, t_s: float = 0.0, late_s: float = 0.0, pixels: Any = None) -> Frame:
@@ -240,23 +302,36 @@ def hardware(gantry: FakeGantry, lights: FakeLights, camera: FakeCamera) -> Hard
 class ScriptedStation(Station):
     """The real station, whose looks are computed from the truth and then edited by the test's script."""
 
-    def __init__(self, world: World) -> None:
-        super().__init__(world.config, hardware(world.gantry, world.lights, world.camera))
+    def __init__(self, world: World, needle: Needle | None = None) -> None:
+        super().__init__(world.config, hardware(world.gantry, world.lights, world.camera), needle)
         self.world = world
-        self.searches: list[Search | CrossSearch | None] = []
+        self.searches: list[Search | BoardSearch | CrossSearch | None] = []
+        self.moves_next: list[bool] = []
         self.script: dict[int, Edit] = {}
         """Number of a look, from 1 -> what is done to its result."""
         self.always: Edit = lambda seen: seen
         """Done to every result, before the script."""
 
-    async def look(self, position: Position, model: ProbeModel | None, search: Search, caller: Clocked) -> LookResult:
+    def fit(self, meter: Any) -> None:
+        """Have another measuring instrument, or none."""
+        self._hardware.meter = meter
+
+    async def look(
+        self, position: Position, model: ProbeModel | None, search: Search | BoardSearch, caller: Clocked,
+        *, moves_next: bool = False,
+    ) -> LookResult:  # fmt: skip
+        self.moves_next.append(moves_next)
         assert not caller.deadline.expired
         self.searches.append(search)
         number = len(self.searches)
         tip = self.world.see_tip() if model is not None else None
-        seen = self.world.see_pads(tip, search) if isinstance(tip, Tip) else None
         expected = model.tip_px if model is not None else None
-        return self._edited(LookResult(frame(2 * number - 1), frame(2 * number), position, tip, expected, seen=seen))
+        look = LookResult(frame(2 * number - 1), frame(2 * number), position, tip, expected)
+        if isinstance(tip, Tip) and isinstance(search, BoardSearch):
+            look = replace(look, board=self.world.see_board(tip, search))
+        elif isinstance(tip, Tip) and isinstance(search, Search):
+            look = replace(look, seen=self.world.see_pads(tip, search))
+        return self._edited(look)
 
     async def look_white(
         self, position: Position, model: ProbeModel, cross: CrossSearch | None, caller: Clocked
@@ -274,17 +349,19 @@ class ScriptedStation(Station):
 class World:
     """The truth behind a fake station: board, surface, head, camera; and the station's own idea of them."""
 
-    def __init__(self, folder: Path, board: Board, changes: dict[str, dict[str, Any]]) -> None:
+    def __init__(self, folder: Path, board: Board, changes: Mapping[str, dict[str, Any] | Section]) -> None:
+        """Changes: of sections of the example, or whole ones that it has not."""
         config = load_config(EXAMPLE)
         for section, values in changes.items():
-            config = config.model_copy(update={section: getattr(config, section).model_copy(update=values)})
+            whole = values if isinstance(values, Section) else getattr(config, section).model_copy(update=values)
+            config = config.model_copy(update={section: whole})
         self.config, self.board = config, board
         home = Position(50_000.0, 40_000.0, WORK_Z_UM, 0.0)
         self.gantry = FakeGantry(config, home, home)
         self.lights, self.camera = FakeLights(), FakeCamera()
         self.station = ScriptedStation(self)
         self.calibrations = Calibrations(folder, config.station.name)
-        self.geometry = Geometry(config, board, self.calibrations)
+        self.geometry = Geometry(config, board, self.calibrations, self.station.needle.board)
         self.station.needle.adopt(self.geometry.up_z_um, self.geometry.surface_z_um)
         self.context = StationContext(config, self.station, board, self.calibrations, self.geometry)
         # --- the truth
@@ -341,10 +418,12 @@ class World:
     def _like(self, record: RotationRecord | SurfaceRecord, **changes: Any) -> RotationRecord | SurfaceRecord:
         return record.model_copy(update=self.made() | changes)
 
-    def with_alignment(self, pose: Rigid2, scale: float = 1.0) -> World:
+    def with_alignment(
+        self, pose: Rigid2, scale: float = 1.0, seat: Seat | None = None, board_id: str | None = None
+    ) -> World:
         record: dict[str, Any] = self.made() | {
             "board": self.board.name, "side": self.board.side, "theta_deg": pose.theta_deg, "scale": scale,
-            "tx_um": pose.tx_um, "ty_um": pose.ty_um, "rms_um": 3.0,
+            "tx_um": pose.tx_um, "ty_um": pose.ty_um, "rms_um": 3.0, "seat": seat, "board_id": board_id,
             "fiducials": (
                 Aligned(name="F1", board_um=(0.0, 0.0), robot_um=(0.0, 0.0), residual_um=(0.0, 0.0), views=1),
             ),
@@ -422,6 +501,18 @@ class World:
         ]
         return Seen(taken[0] if taken else missing(), tuple(taken), (), tuple(doubtful), (0, 0, 1600, 1200))
 
+    def see_board(self, tip: Tip, search: BoardSearch) -> BoardSeen:
+        """Register exactly: the board is where it really is."""
+        about = search.reference.about_um
+        place = about if search.target is None else (search.target.x_um, search.target.y_um)
+        board_to_px = search.view.board_to_px(tip, about)
+        target_px = self.to_px(self.true_pose.apply(place), tip)
+        back = np.linalg.inv(board_to_px) @ (*target_px, 1.0)
+        there = float(back[0] / back[2]), float(back[1] / back[2])
+        found = registered(there, target_px, (there[0] - place[0], there[1] - place[1]))
+        moved = search.last is not None and math.dist(found.shift_um, search.last.shift_um) > 120.0
+        return BoardSeen(found, board_to_px, (), search, moved=moved)
+
     def see_cross(self, tip: Tip | NotFound, search: CrossSearch) -> ControlPoint | NotFound | None:
         if not isinstance(tip, Tip):
             return None
@@ -449,7 +540,7 @@ class Ran:
         return self.outcome
 
 
-def begin(request: dict[str, Any] | AnyJob) -> Ran:
+def begin(request: dict[str, Any] | AnyJob, touching: Touching | None = None, *, mark_of: MarkOf = nothing_said) -> Ran:
     """Return a job that was just triggered, on a real state machine."""
     asked = OPERATIONS.parse({"v": 1, "id": "job-1", **request}) if isinstance(request, dict) else request
     events: list[Event] = []
@@ -464,7 +555,13 @@ def begin(request: dict[str, Any] | AnyJob) -> Ran:
         steps.append((kind, body))
 
     job = JobContext(
-        cast("AnyJob", asked), Deadline.after(60.0), machine.fire, keep_step, lambda *told: progress.append(told)
+        cast("AnyJob", asked),
+        Deadline.after(60.0),
+        machine.fire,
+        keep_step,
+        lambda *told: progress.append(told),
+        touching,
+        mark_of=mark_of,
     )
     return Ran(job, machine, events, steps, progress)
 

@@ -15,13 +15,13 @@ from daemon.procedures.aiming import (
     STILL_UM,
     Aim,
     Prior,
-    describe,
     known_beforehand,
     look_and_aim,
     lookalikes,
     refuse_unusable,
     require_tip,
 )
+from daemon.procedures.look_numbers import describe
 from daemon.procedures.registry import PROCEDURES
 from daemon.station.station import LookResult, Search
 from tests.daemon.procedures.fake_station import (
@@ -208,27 +208,34 @@ async def test_a_frame_that_is_no_good_is_not_looked_at_again(world: World, reas
     world.station.always = _no_tip(reason)
     fault = await _fault(world, ran=ran)
     assert (fault.kind, fault.detail["reason"]) == (FaultCode.FRAME_UNUSABLE, reason.value)
+    assert (fault.detail["lamp"], "white light" in fault.message) == ("white", True)
+    assert ("white ring" in fault.advice) == (reason is Reason.TOO_DARK)
     assert ran.job.looks == 1
 
     def bad_red(look: LookResult) -> LookResult:
         return replace(look, seen=Seen(missing(reason), (), (), (), (0, 0, 10, 10)))
 
     world.station.always = bad_red
-    assert (await _fault(world)).kind is FaultCode.FRAME_UNUSABLE
+    red = await _fault(world)
+    assert (red.kind, red.detail["lamp"], "red light" in red.message) == (FaultCode.FRAME_UNUSABLE, "red", True)
+    assert ("red ring" in red.advice) == (reason is Reason.TOO_DARK)
 
 
 @pytest.mark.parametrize(
     "reason", [r for r in Reason if r not in {Reason.TOO_DARK, Reason.SATURATED, Reason.BLURRED, Reason.OUT_OF_FRAME}]
 )
 def test_any_other_reason_leaves_the_frame_usable(reason: Reason) -> None:
-    refuse_unusable(missing(reason))
+    refuse_unusable(missing(reason), "white")
 
 
 async def test_a_red_frame_that_was_not_searched_is_said(world: World) -> None:
     world.put_beside("A", (0.0, 0.0))
     world.station.always = lambda look: replace(look, seen=None)
     fault = await _fault(world)
-    assert (fault.kind, fault.message) == (FaultCode.TEST_POINT_NOT_FOUND, "the red picture was not searched")
+    assert (fault.kind, fault.message) == (
+        FaultCode.TEST_POINT_NOT_FOUND,
+        "the pad was not looked for in the red picture",
+    )
 
 
 async def test_a_tip_is_required(world: World) -> None:
@@ -264,7 +271,7 @@ async def test_a_pad_farther_than_the_largest_placement_error_is_not_meant(
         return
     fault = await _fault(lonely)
     assert fault.kind is FaultCode.TEST_POINT_NOT_FOUND
-    assert "none_near; 1 pads of its size and 0 doubtful objects" in fault.message
+    assert "in view are 1 pad of its size and no doubtful objects" in fault.message
     assert fault.detail["candidates_um"] == [[pytest.approx(705.0, abs=0.1), pytest.approx(0.0, abs=0.1)]]
 
 
@@ -286,7 +293,8 @@ async def test_a_pad_that_should_be_in_view_and_is_not_speaks_against(world: Wor
     world.hidden = {"B"}
     fault = await _fault(world)
     assert fault.kind is FaultCode.AMBIGUOUS
-    assert "contradicted; 2 pads" in fault.message
+    assert fault.detail["match"] == "contradicted"
+    assert "may be another one, or turned; in view are 2 pads" in fault.message
     assert len(fault.detail["candidates_um"]) == 2
 
 
@@ -324,7 +332,7 @@ async def test_a_doubtful_target_is_undecided(world: World) -> None:
     world.doubtful_um = [(a.x_um, a.y_um, 500.0)]
     fault = await _fault(world)
     assert fault.kind is FaultCode.UNDECIDED
-    assert "2 pads of its size and 1 doubtful" in fault.message
+    assert "2 pads of its size and 1 doubtful object" in fault.message
     assert fault.detail["candidates_um"] == [[pytest.approx(50.0, abs=0.1), pytest.approx(0.0, abs=0.1)]]
 
 
@@ -333,7 +341,7 @@ async def test_two_pads_that_could_both_be_it_are_ambiguous(lonely: World) -> No
     lonely.strays_um = [(10_300.0, 5_000.0, 500.0)]
     fault = await _fault(lonely)
     assert fault.kind is FaultCode.AMBIGUOUS
-    assert "contradicted" in fault.message or "ambiguous" in fault.message
+    assert fault.detail["match"] in ("contradicted", "ambiguous")
 
 
 async def test_what_was_thrown_is_named_by_its_rule_but_not_without_end(lonely: World) -> None:

@@ -359,7 +359,7 @@ async def test_a_fiducial_seen_from_nowhere_is_a_fault_with_its_name(world: Worl
     world.hidden = {"F2"}
     fault = await _fault(world)
     assert fault.kind is FaultCode.TEST_POINT_NOT_FOUND
-    assert fault.message.startswith("F2 was not seen at 0 deg: F2: none_near")
+    assert fault.message.startswith("F2 was not seen at 0 deg: F2: no pad is seen")
     assert "this board lies in its nest" in fault.advice
     assert fault.detail["candidates_um"] == []
     assert len(world.gantry.moves) == 3, "F1, F2, and beside F2"

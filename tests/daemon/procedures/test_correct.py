@@ -16,6 +16,7 @@ from daemon.procedures.aiming import look_and_aim
 from daemon.procedures.correct import SIDESTEP_MARGIN_PX, sidestep_um
 from daemon.procedures.registry import PROCEDURES
 from daemon.station.station import LookResult
+from drivers.deadline import Deadline
 from drivers.errors import CameraError, EnvelopeViolation, Stalled
 from drivers.lights import Light
 from tests.daemon.procedures.fake_station import (
@@ -223,6 +224,25 @@ async def test_a_point_whose_place_is_out_of_reach_is_refused_before_the_first_l
     assert edge.station.searches == []
 
 
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ({"diameter_um": None, "shape": "rectangle"}, "is not round"),
+        ({"centre_um": (10_000.0, 5_400.0), "shape": "ring"}, "is touched beside its middle"),
+    ],
+)
+async def test_a_point_that_a_round_outline_does_not_lead_to_is_refused_before_the_first_look(
+    tmp_path: Path, change: dict[str, Any], why: str
+) -> None:
+    points = tuple(p.model_copy(update=change) if p.name == "A" else p for p in BOARD.points)
+    world = World(tmp_path, BOARD.model_copy(update={"points": points}), {}).teach().with_map()
+    world.put_beside("A", (0.0, 0.0))
+    fault = await _fault(world)
+    assert fault.kind is FaultCode.UNKNOWN_TEST_POINT
+    assert why in fault.message
+    assert world.station.searches == []
+
+
 # --- the limits of a move -----------------------------------------------------------------------------------------
 
 
@@ -252,7 +272,32 @@ async def test_no_move_is_longer_than_the_largest_placement_error(tmp_path: Path
     fault = await _fault(world)
     assert fault.kind is FaultCode.CORRECTION_TOO_LARGE
     assert fault.detail["correction_um"] == pytest.approx(600.0, abs=0.1)
+    assert "would be 600 um; allowed are 400 um (servo.max_placement_um)" in fault.message
     assert world.gantry.moves == []
+
+
+async def test_white_is_lit_once_the_drives_have_answered_and_only_of_the_first_look_a_move_is_expected(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A line that is dead is told as one, and not as a lamp; it settles while the place is asked."""
+    lit: list[list[Light]] = []
+
+    def watched(name: str) -> None:
+        ask = getattr(world.gantry, name)
+
+        async def asked(deadline: Deadline) -> Any:
+            lit.append(list(world.lights.log))
+            return await ask(deadline)
+
+        monkeypatch.setattr(world.gantry, name, asked)
+
+    watched("homed")
+    watched("position")
+    world.put_beside("A", (300.0, 200.0), 30.0)
+    ran = await _correct(world)
+    assert lit[:2] == [[], [Light.WHITE]]
+    assert ran.job.moves == 1
+    assert world.station.moves_next == [True, False]
 
 
 async def test_every_move_is_checked_lit_in_white_and_at_working_height(world: World) -> None:
@@ -263,7 +308,7 @@ async def test_every_move_is_checked_lit_in_white_and_at_working_height(world: W
     assert target in world.gantry.checked
     assert (target.x_um - start.x_um, target.y_um - start.y_um) == pytest.approx((300.0, 200.0), abs=0.1)
     assert (target.z_um, target.theta_deg, above) == (WORK_Z_UM, start.theta_deg, frozenset())
-    assert world.lights.log == [Light.WHITE]
+    assert world.lights.log == [Light.WHITE] * 2, "before the first look, and before the move"
     (move,) = [body for kind, body in ran.steps if kind == "move"]
     assert move == {"x_um": round(target.x_um, 2), "y_um": round(target.y_um, 2), "theta_deg": 30.0}
 
@@ -429,6 +474,17 @@ async def test_what_one_side_does_not_show_the_other_side_may(world: World) -> N
     assert (ran.got.outcome, ran.job.moves, ran.job.looks) == ("corrected", 3, 8)
 
 
+async def test_a_pad_that_is_too_far_off_from_one_side_is_reached_from_the_other(world: World) -> None:
+    """A needle that came down well beside its pad stands twice as far off where it steps aside to the wrong side."""
+    step = np.array(sidestep_um(world.context, BOARD.find("A"), world.true_map, 0.0))
+    world.with_map(pose_map(radius_um=1.3 * float(np.hypot(*step))))
+    world.put_beside("A", tuple(-0.6 * step))
+    world.station.script = dict.fromkeys((1, 2, 3), _hide)
+    ran = await _correct(world)
+    assert (ran.got.outcome, ran.job.moves) == ("corrected", 3)
+    assert math.hypot(*world.miss_um("A")) < 0.1
+
+
 async def test_what_no_side_shows_is_the_first_fault_and_the_head_goes_back(world: World) -> None:
     world.put_beside("A", (40.0, -30.0))
     start = world.gantry.reported
@@ -508,3 +564,22 @@ async def test_after_an_axis_that_stalled_beside_the_pad_nothing_moves(world: Wo
     with pytest.raises(Stalled):
         await _correct(world)
     assert len(world.gantry.moves) == 1
+
+
+async def test_the_last_look_is_what_live_pictures_show(world: World) -> None:
+    """The way from the place below the needle to the target, in the picture, is the error that is answered."""
+    world.put_beside("A", (6.0, -8.0))
+    await _correct(world)
+    sight = world.station.needle.sight
+    assert sight is not None
+    assert sight.off_um == pytest.approx(10.0, abs=0.02)
+    off_px = math.dist(sight.at_px, sight.target_px)
+    assert off_px / sight.off_um == pytest.approx(sight.tolerance_px / world.context.servo.tolerance_um, rel=0.1)
+
+
+async def test_a_look_that_shows_no_target_leaves_nothing_to_show(world: World) -> None:
+    world.put_beside("A", (6.0, -8.0))
+    await _correct(world)
+    world.station.always = _hide
+    await _fault(world)
+    assert world.station.needle.sight is None

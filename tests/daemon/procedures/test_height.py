@@ -15,7 +15,17 @@ from daemon.domain.states import Event
 from daemon.procedures.height import NO_FLEX_UM, PUSHED_UM, SUSPECT_UM
 from daemon.procedures.registry import PROCEDURES
 from daemon.storage.calibration_records import SurfaceRecord, Touch
-from tests.daemon.procedures.fake_station import BELOW_PX, HOVER_UM, WORK_Z_UM, Ran, World, a_board, begin, run
+from tests.daemon.procedures.fake_station import (
+    BELOW_PX,
+    HOVER_UM,
+    SENSE_INPUT,
+    WORK_Z_UM,
+    Ran,
+    World,
+    a_board,
+    begin,
+    run,
+)
 from vision import NotFound, Reason
 from vision.geometry import fit_plane
 
@@ -160,7 +170,7 @@ async def test_a_pin_that_is_pushed_in_where_it_should_hover_is_a_fault_and_is_l
     fault = await _fault(world, request_, ran)
     assert fault.kind is FaultCode.WRONG_HEIGHT
     assert fault.detail["pushed_um"] == pytest.approx(100.0, abs=1.0)
-    assert "`calibrate` its surface" in fault.advice
+    assert "`calibrate surface`" in fault.advice
     assert _pushed_um(world) == 0.0
     assert not FaultCode.WRONG_HEIGHT.latched
 
@@ -212,6 +222,39 @@ async def test_a_tip_that_is_lost_when_a_suspect_is_lifted_is_said(world: World)
     world.station.script[2] = lambda seen: replace(seen, tip=NotFound(Reason.TOO_DARK, "dark"))
     assert (await _fault(world, CORRECT)).kind is FaultCode.TIP_NOT_FOUND
     assert _pushed_um(world) == 0.0
+
+
+async def test_the_first_way_down_over_a_measured_surface_is_slow_and_the_next_ones_are_not(world: World) -> None:
+    """Nobody tells when another board was put in: it would be met at full speed."""
+    _measured(world, 0.0)
+    for slow_um in (5_500.0, 5_100.0, 5_100.0):
+        _lift(world)
+        await _run(world, PLACE)
+        assert world.gantry.slow_z_um[-1] == pytest.approx(slow_um)
+    world.station.needle.forget()
+    world.station.needle.reported(world.gantry.actual)
+    await _run(world, PLACE)
+    assert world.gantry.slow_z_um[-1] == 5_500.0, "after a doubt it begins anew"
+
+
+async def test_another_board_than_was_measured_is_met_slowly(world: World) -> None:
+    _measured(world, 0.0)
+    world.height_um = _raised(300.0)
+    _lift(world)
+    fault = await _fault(world, PLACE)
+    assert fault.kind is FaultCode.WRONG_HEIGHT
+    assert set(world.gantry.slow_z_um) == {5_500.0}
+
+
+async def test_a_board_that_was_trusted_and_is_touched_is_trusted_no_more(world: World) -> None:
+    _measured(world, 0.0)
+    _lift(world)
+    await _run(world, PLACE)
+    assert world.station.needle.board.holds
+    world.height_um = _raised(300.0)
+    _lift(world)
+    await _fault(world, PLACE)
+    assert not world.station.needle.board.holds
 
 
 async def test_place_looks_at_the_pin_only_where_it_came_below_the_free_height(world: World) -> None:
@@ -272,3 +315,75 @@ async def test_a_map_that_sees_no_tip_is_refused_as_ever_and_the_needle_left_fre
     fault = await _fault(world, {"op": "calibrate", "what": "map", "test_point": "P11"})
     assert fault.kind is FaultCode.TEST_POINT_NOT_FOUND
     assert world.gantry.actual.z_um == 5_600.0
+
+
+# --- what one look cannot tell ------------------------------------------------------------------------------------
+
+HIDDEN_UM = 30.0
+
+
+def _with_sense(folder: Path) -> World:
+    world = World(folder, a_board(*GRID), {"sense": {"kind": "drive_input"}}).teach().with_map()
+    _measured(world, 0.0)
+    world.put_beside("P11", (1.0, 0.0))
+    return world
+
+
+@pytest.mark.parametrize("request_", [PLACE, CORRECT])
+async def test_a_push_that_flex_may_hide_is_felt_by_a_touch_sense_where_no_board_is_known(
+    tmp_path: Path, request_: dict[str, Any]
+) -> None:
+    """A tip that looks free is no proof of it: the stops differ by more than the push."""
+    world = _with_sense(tmp_path)
+    world.height_um, world.gantry.metal_z_um = _raised(HOVER_UM + HIDDEN_UM), WORK_Z_UM + HIDDEN_UM
+    assert (await _fault(world, request_)).kind is FaultCode.WRONG_HEIGHT
+    assert world.gantry.actual.z_um == SAFE_Z_UM
+    assert not world.station.needle.board.holds
+
+
+async def test_a_sense_that_is_closed_for_good_says_nothing_of_a_board_and_the_head_comes_back(tmp_path: Path) -> None:
+    world = _with_sense(tmp_path)
+    world.gantry.inputs = {SENSE_INPUT}
+    await _run(world, CORRECT)
+    assert [move.z_um for move, _ in world.gantry.moves] == [SAFE_Z_UM, WORK_Z_UM]
+
+
+async def test_a_sense_is_not_asked_again_while_the_board_is_known(tmp_path: Path) -> None:
+    world = _with_sense(tmp_path)
+    await _run(world, CORRECT)
+    world.gantry.inputs = {SENSE_INPUT}
+    await _run(world, CORRECT)
+    assert world.gantry.moves == []
+
+
+async def test_a_place_that_is_refused_for_what_lies_there_leaves_no_needle_pressed(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It should look whether the pin is free also where the picture shows another board: that one may be higher."""
+    _measured(world, 0.0)
+    world.height_um = _raised(300.0)
+    _lift(world)
+
+    async def another(*_anything: object) -> dict[str, Any]:
+        raise Fault(FaultCode.NOT_THIS_BOARD, "another board lies there")
+
+    monkeypatch.setattr("daemon.procedures.basic.confirm_place", another)
+    assert (await _fault(world, PLACE)).kind is FaultCode.WRONG_HEIGHT
+    assert _pushed_um(world) == 0.0
+
+
+@pytest.mark.parametrize(("blind", "seen"), [(1, True), (3, False)])
+async def test_a_place_where_the_tip_is_not_seen_at_once_is_looked_at_again_and_left_where_no_board_can_be(
+    world: World, blind: int, seen: bool
+) -> None:
+    """What was not seen free is not free: the needle is raised to where it is for certain."""
+    _measured(world, 0.0)
+    _lift(world)
+    for number in range(1, blind + 1):
+        world.station.script[number] = lambda look: replace(look, tip=NotFound(Reason.TOO_DARK, "a glint"))
+    ran = await _run(world, PLACE)
+    assert ran.got.outcome == "placed"
+    free_um = world.config.gantry.free_z_um
+    assert world.gantry.actual.z_um == pytest.approx(WORK_Z_UM if seen else free_um)
+    assert ran.got.detail["position"]["z_um"] == pytest.approx(world.gantry.reported.z_um)
+    assert world.station.needle.board.holds is seen

@@ -14,7 +14,7 @@ import zmq
 from daemon.platform import descriptors
 from daemon.server import connection_limit
 from daemon.server.connection_limit import ConnectionLimit
-from daemon.server.event_publisher import bind
+from daemon.server.served_address import bind
 
 MOST = 12
 

@@ -26,7 +26,7 @@ from daemon.server.event_publisher import EventPublisher
 from daemon.server.keyring import Keyring
 from daemon.storage.journal import Journal
 from daemon.wire.curve_keys import KeyTrouble, PrivateKey, new_client, read_private, revoke
-from daemon.wire.limits import MAX_COMMAS, MAX_FIELDS
+from daemon.wire.limits import GLANCE_BYTES, MAX_COMMAS, MAX_FIELDS
 from daemon.wire.operations.control import CancelReply
 from daemon.wire.operations.health import ReportReply
 from daemon.wire.operations.table import AnyRequest
@@ -134,7 +134,7 @@ async def test_what_a_key_may_do_is_its_role(tmp_path: Path, keys: dict[Role, Pr
             errors = await served.by(lambda c: {op: _answer(c, op, **fields) for op, fields in ops.items()}, key)
             assert errors == {op: "" if op in allowed[role] else "not_allowed" for op in ops}
         callers = {caller for _, caller in served.station.asked}
-        assert callers == {Caller(f"the-{role}", role) for role in ROLES}
+        assert callers == {Caller(f"the-{role}", role, f"the-{role}") for role in ROLES}
 
 
 async def test_a_stranger_is_told_at_once_that_it_may_not_come_in(tmp_path: Path, keys: dict[Role, PrivateKey]) -> None:
@@ -241,6 +241,16 @@ async def test_one_who_asks_too_fast_is_refused_by_name_and_others_are_served(tm
         names = await served.by(lambda c: [_error(lambda: c.request("status")) for _ in range(5)])
         assert names == ["", "", "", "rate_limited", "rate_limited"]
         assert await served.by(lambda c: _error(lambda: c.request("status"))) == ""
+
+
+async def test_a_refusal_for_asking_too_fast_carries_the_tag_of_a_short_request(tmp_path: Path) -> None:
+    """It should be paired by a DEALER as any answer; what is long, or no JSON, is not read for that."""
+    short, long_ = {"op": "status", "id": "x", "tag": "t1"}, {"op": "status", "tag": "t2", "by": "b" * GLANCE_BYTES}
+    async with serving(tmp_path, rate_per_s=0.001, rate_burst=1) as served:
+        asked = [json.dumps(short).encode(), json.dumps(short).encode(), json.dumps(long_).encode(), b"[" * 2000]
+        replies = await served.by(lambda c: [c.raw(message) for message in asked])
+    assert [reply["error"]["name"] for reply in replies[1:]] == ["rate_limited"] * 3
+    assert [(reply.get("tag"), reply.get("id")) for reply in replies[1:]] == [("t1", "x"), (None, None), (None, None)]
 
 
 async def test_a_message_too_large_is_not_even_decoded(tmp_path: Path) -> None:

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import asyncio
 import json
+import socket
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 import zmq
+from structlog.testing import capture_logs
 
 from daemon.domain.errors import Fault, FaultCode
 from daemon.server.event_publisher import EventPublisher
 from daemon.storage.journal import Journal
+from tests.daemon.server.revoking_guard import RevokingGuard
 
 WITHIN_MS = 20_000
 
@@ -110,3 +113,63 @@ async def test_a_cancelled_writer_still_publishes_what_was_written(heard: _Heard
         await task
     assert heard.events(1) == [("log", first)]
     assert heard.publisher.publish("heartbeat", {"state": "idle", "version": "1"}) == first + 1
+
+
+async def test_an_address_in_use_is_told_once_and_events_come_as_soon_as_it_is_free(tmp_path: Path) -> None:
+    journal = await Journal.open(tmp_path / "j.sqlite")
+    with zmq.Context() as context, socket.socket() as taken, capture_logs() as said:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        endpoint = f"tcp://127.0.0.1:{taken.getsockname()[1]}"
+        publisher = EventPublisher(context, endpoint, "s", journal)
+        assert endpoint in str(publisher.trouble)
+        first = publisher.publish("log", {"event": "nobody hears it"})
+        publisher.open()
+        taken.close()
+        trying = asyncio.create_task(publisher.run(serve_again_s=0.01))
+        async with asyncio.timeout(WITHIN_MS / 1e3):
+            while publisher.trouble is not None:  # noqa: ASYNC110  # what is waited for has no event of its own
+                await asyncio.sleep(0.01)
+        listener: zmq.Socket[bytes] = context.socket(zmq.SUB)
+        listener.subscribe(b"")
+        listener.connect(endpoint)
+        while not listener.poll(10):
+            last = publisher.publish("log", {"event": "hello"})
+        assert first is not None
+        assert last is not None
+        assert first < json.loads(listener.recv_multipart()[1])["seq"] <= last
+        trying.cancel()
+        listener.close(linger=0)
+        publisher.close()
+    await journal.close()
+    told = [entry["event"] for entry in said if entry["event"].startswith("events_")]
+    assert told == ["events_not_served", "events_served"], "each once"
+
+
+async def test_an_address_that_somebody_took_while_subscribers_were_sent_away_is_tried_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It should not be left unserved for ever: whoever lost its key was parted from, and all others with it."""
+    journal = await Journal.open(tmp_path / "j.sqlite")
+    monkeypatch.setattr("daemon.server.served_address.GIVE_UP_S", 0.0)
+    guard = RevokingGuard("maintain")
+    with zmq.Context() as context:
+        publisher = EventPublisher(context, f"ipc://{tmp_path}/events", "s", journal, guard=guard)
+        refused = asyncio.Event()
+
+        def refuse(socket: zmq.Socket[Any], _endpoint: str) -> Any:
+            socket.close(linger=0)
+            refused.set()
+            raise zmq.ZMQError(zmq.EADDRINUSE)
+
+        with monkeypatch.context() as taken:
+            taken.setattr("daemon.server.served_address.bind", refuse)
+            guard.removed += 1
+            publisher.publish("log", {"event": "a key was taken back"})
+            await refused.wait()
+            while publisher.trouble is None:  # noqa: ASYNC110  # what is waited for has no event of its own
+                await asyncio.sleep(0.01)
+        publisher.open()
+        assert publisher.trouble is None
+        publisher.close()
+    await journal.close()

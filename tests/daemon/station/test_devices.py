@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from contextlib import AsyncExitStack
 from pathlib import Path
 from types import SimpleNamespace
@@ -9,13 +10,15 @@ from typing import Any, cast
 
 import pytest
 
-from daemon.config.model import Config, load_config
+from daemon.config.model import Config, ConfigError, load_config
 from daemon.station import devices as hardware
 from drivers.bus import OdAddressing, SerialLine, TcpLine
 from drivers.deadline import Deadline
 from drivers.errors import DriveFault, EmergencyStop, LimitHit, MotionError
 from drivers.l4118 import HEALTH_REQUESTS, AxisHealth
 from drivers.l4118.diagnosis import Evidence
+from drivers.meter import Function, Method, MethodSettings, SerialAddress, TcpAddress
+from tests.drivers.peers.instrument import Instrument, Script, TcpPeer
 
 EXAMPLE = Path(__file__).parents[3] / "systemd" / "station.example.toml"
 
@@ -110,8 +113,9 @@ class Machine:
     async def start(self, _deadline: Deadline) -> None:
         self.did.append("start")
 
-    async def set(self, _light: object, _deadline: Deadline) -> None:
+    async def set(self, _light: object, _deadline: Deadline) -> float:
         self.did.append("dark")
+        return 0.0
 
     async def check(self, _deadline: Deadline) -> None:
         self.did.append("asked whether it is dark")
@@ -169,3 +173,77 @@ def test_the_drive_of_z_is_told_the_floor_as_its_lower_limit(tmp_path: Path) -> 
     assert (axes["x"].config.min_units, axes["theta"].config.min_units) == (0.0, -220.0)
     higher = _config(tmp_path, ("minimum = 0.0\nmaximum = 30000.0", "minimum = 4500.0\nmaximum = 30000.0"))
     assert hardware.make_axes(higher, buses)["z"].config.min_units == 4500.0
+
+
+METER = """
+[meter]
+kind = "scpi"
+address = "{address}"
+answer_ms = 1500
+terminator = "crlf"
+setup = ["SYST:REM"]
+channels = {{ CLK = 101 }}
+contact_channel = 1
+[meter.methods.contact]
+range = 100.0
+nplc = 0.2
+[meter.methods.diode]
+commands = ["FUNC DIODE"]
+read = "VAL?"
+"""
+
+
+def _metered(tmp_path: Path, address: str, *changes: tuple[str, str]) -> Config:
+    return _config(tmp_path, *changes, ("[board]", METER.format(address=address) + "[board]"))
+
+
+def test_a_meter_is_told_what_its_section_says(tmp_path: Path) -> None:
+    section = _metered(tmp_path, "dmm.lab:5025").meter
+    assert section is not None
+    settings = hardware.meter_settings(section)
+    assert settings.address == TcpAddress("dmm.lab", 5025)
+    assert (settings.answer_s, settings.terminator, settings.setup) == (1.5, "crlf", ("SYST:REM",))
+    assert (section.channels, section.contact_channel) == ({"CLK": 101}, 1)
+    assert set(settings.methods) == set(Method)
+    assert settings.methods[Method.CONTACT] == MethodSettings(Function.RESISTANCE, 100.0, 0.2)
+    assert settings.methods[Method.DIODE] == MethodSettings(Function.DIODE, commands=("FUNC DIODE",), read="VAL?")
+    assert settings.methods[Method.CAPACITANCE] == MethodSettings(Function.CAPACITANCE)
+
+
+def test_a_meter_may_be_on_a_serial_port_or_not_there(tmp_path: Path) -> None:
+    section = _metered(tmp_path, "/dev/ttyUSB0").meter
+    assert section is not None
+    assert hardware.meter_settings(section).address == SerialAddress("/dev/ttyUSB0")
+    assert _config(tmp_path).meter is None
+
+
+async def test_a_meter_is_opened_by_its_section(tmp_path: Path) -> None:
+    peer = TcpPeer(Instrument(Script()))
+    section = _metered(tmp_path, str(await peer.open())).meter
+    assert section is not None
+    meter = await hardware.open_meter(section, Deadline.after(30.0))
+    assert meter.identity.model == "DMM-7"
+    await meter.close()
+    await peer.close()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ('"dmm.lab:5025"', '"dmm.lab"', "neither host:port"),
+        ('kind = "scpi"', 'kind = "gpib"', "it should be 'scpi'"),
+        ("[meter.methods.contact]", "[meter.methods.touching]", "meter.methods.touching"),
+        ("range = 100.0", "range = -1.0", "greater than 0"),
+        ("range = 100.0", 'function = "capacitance"', "contact: capacitance has no nplc"),
+        ('read = "VAL?"', "range = 1.0", "belong into them"),
+        ('["SYST:REM"]', r'["SYST\nREM"]', "meter.setup"),
+        ('terminator = "crlf"', 'close_channels = "CLOSE ALL"', "has no {channels}"),
+        ("answer_ms = 1500", "answer_ms = 0", "greater than or equal to 10"),
+    ],
+)
+def test_a_meter_that_cannot_be_meant_is_refused_by_its_path(tmp_path: Path, old: str, new: str, says: str) -> None:
+    meter = METER.format(address="dmm.lab:5025")
+    assert old in meter
+    (tmp_path / "station.toml").write_text(EXAMPLE.read_text() + meter.replace(old, new, 1))
+    with pytest.raises(ConfigError, match=re.escape(says)):
+        load_config(tmp_path / "station.toml")

@@ -76,7 +76,18 @@ CASES: list[tuple[DeviceError, FaultCode, dict[str, Any]]] = [
     (errors.ReplyError("garbled", device="bus"), FaultCode.LINK_LOST, {"device": "bus"}),
     (errors.DeadlinePassed("late", device="bus"), FaultCode.LINK_LOST, {"device": "bus"}),
     (errors.CameraTimeout("none", device="camera"), FaultCode.CAMERA_FAILED, {"device": "camera"}),
+    (errors.FrameLost("torn", device="camera"), FaultCode.CAMERA_FAILED, {"device": "camera"}),
     (errors.LightError("dark", device="lights"), FaultCode.LIGHT_FAILED, {"device": "lights"}),
+    (
+        errors.MeterTimeout("no answer", errors.MeterTrouble.SILENT),
+        FaultCode.METER_FAILED,
+        {"device": "meter", "trouble": "silent"},
+    ),
+    (
+        errors.MeterError("unknown words", errors.MeterTrouble.DIALECT, code=-113),
+        FaultCode.METER_FAILED,
+        {"device": "meter", "trouble": "dialect", "exception": -113},
+    ),
 ]
 
 
@@ -88,6 +99,15 @@ def test_an_error_becomes_a_fault_with_all_that_is_known_of_it(
     assert fault.kind is kind
     assert fault.message == str(error)
     assert fault.detail == {**detail, "advice": error.advice}
+
+
+def test_registers_stand_in_detail_and_not_in_the_sentence() -> None:
+    """A sentence is for who runs the station at night; who mends the drive asks for more."""
+    error = errors.MotionTimeout("the drive did not take its target", device="x", technical="status 0237h")
+    fault = as_fault(error)
+    assert fault.message == "x: the drive did not take its target"
+    assert fault.detail["technical"] == "status 0237h"
+    assert str(error) == "x: the drive did not take its target (status 0237h)", "as logs and `doctor` have it"
 
 
 def test_the_fields_are_on_the_wire_and_advice_stays_where_it_was() -> None:

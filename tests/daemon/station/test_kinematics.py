@@ -112,6 +112,8 @@ def test_working_height_follows_the_measured_surface(world: World, height_um: fl
     over = world.geometry.position_over(PLACE_UM, 30.0)
     assert over.z_um == pytest.approx(WORK_Z_UM + height_um)
     assert world.geometry.height_below_um(over) == pytest.approx(0.0, abs=1e-6), "the picture is the map's own"
+    assert world.geometry.slow_z_um(over) == 5_500.0, "nobody has seen that this board still lies there"
+    world.station.needle.board.seen_free()
     assert world.geometry.slow_z_um(over) == pytest.approx(5_000.0 + height_um + 100.0)
 
 

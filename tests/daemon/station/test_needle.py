@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import pytest
 
 from daemon.domain.errors import Fault, FaultCode
 from daemon.station.needle import HEIGHT_WINDOW_UM, Needle, NeedlePlace
+from daemon.station.sight import Sight
 from drivers.gantry import Position
 
 SAFE_UM, WORK_UM, TOUCH_UM = 12_000.0, 5_200.0, 5_000.0
@@ -76,6 +79,7 @@ def test_a_move_between_places_above_is_up_all_the_way(watched: Watched) -> None
     watched.needle.reported(at(SAFE_UM))
     watched.needle.departs(at(WORK_UM))
     assert watched.needle.is_up
+    assert watched.needle.z_um is None, "how high it is nobody knows before it has arrived"
 
 
 def test_a_doubt_makes_it_unknown_and_does_not_take_it_down(watched: Watched) -> None:
@@ -117,3 +121,13 @@ def test_a_needle_found_pressed_at_the_start_is_no_touch_of_this_daemon(watched:
     watched.needle.reported(at(TOUCH_UM - 100.0))
     watched.needle.reported(at(TOUCH_UM - 200.0))
     assert watched.touches == 0
+
+
+@pytest.mark.parametrize("end", [lambda needle: needle.departs(at(SAFE_UM)), lambda needle: needle.forget()])
+def test_what_a_look_has_shown_holds_until_the_head_moves(watched: Watched, end: Callable[[Needle], None]) -> None:
+    needle = watched.needle
+    needle.sight = seen = Sight((31.0, 24.0), (32.5, 24.0), 1.1, 20.0, since_s=5.0)
+    needle.reported(at(WORK_UM))
+    assert needle.sight is seen
+    end(needle)
+    assert needle.sight is None

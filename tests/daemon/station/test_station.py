@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +18,7 @@ from daemon.domain.errors import Fault, FaultCode
 from daemon.platform.clock import Stopwatch
 from daemon.station import station as module
 from daemon.station.allowance import Allowance
+from daemon.station.free_pin import FreePin
 from daemon.station.needle import NeedlePlace
 from daemon.station.station import CrossSearch, Search, Station
 from drivers.deadline import Deadline
@@ -126,6 +128,18 @@ async def test_after_homing_the_needle_is_where_the_drives_say(bench: Bench) -> 
     with pytest.raises(Stalled):
         await bench.station.home(bench.caller)
     assert bench.station.needle.place is NeedlePlace.UNKNOWN
+
+
+async def test_only_homing_that_came_to_its_end_stands_for_a_pin_that_was_seen_free(bench: Bench) -> None:
+    free = FreePin(probe_model(), (800.0, 620.0), 2.0, 5_200.0)
+    bench.station.pressing(free)
+    bench.gantry.failures[0] = Stalled("stuck", device="x")
+    with pytest.raises(Stalled):
+        await bench.station.home(bench.caller)
+    assert bench.station.needle.free_pin is free
+    bench.gantry.failures.clear()
+    await bench.station.home(bench.caller)
+    assert bench.station.needle.free_pin is None
 
 
 async def test_a_target_out_of_reach_is_refused(bench: Bench) -> None:
@@ -332,18 +346,128 @@ async def test_a_look_whose_red_frame_fails_leaves_no_search_behind(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     Eyes(monkeypatch, found_tip(810.0, 600.0))
-    take = bench.camera.frame_after
+
+    async def fails(_t_s: float, _deadline: Deadline) -> Any:
+        raise Stalled("no frame", device="camera")
+
+    bench.camera.arrives[1] = asyncio.Event()
+    expose = bench.camera.exposed_after
 
     async def fails_second(t_s: float, deadline: Deadline) -> Any:
-        if bench.camera.asked:
-            raise Stalled("no frame", device="camera")
-        return await take(t_s, deadline)
+        return await (fails if bench.camera.asked else expose)(t_s, deadline)
 
-    monkeypatch.setattr(bench.camera, "frame_after", fails_second)
+    monkeypatch.setattr(bench.camera, "exposed_after", fails_second)
     with pytest.raises(Stalled):
         await bench.station.look(HERE, probe_model(), Search((0.0, 0.0), 60.0, None), bench.caller)
     await asyncio.sleep(0)
     assert len(asyncio.all_tasks()) == 1
+
+
+ANYWHERE = Search((0.0, 0.0), 60.0, None)
+
+
+async def test_red_is_switched_as_soon_as_white_is_exposed_before_its_picture_has_arrived(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    eyes = Eyes(monkeypatch, found_tip(810.0, 600.0))
+    white, exposed = asyncio.Event(), asyncio.Event()
+    bench.camera.arrives[1] = white
+    expose = bench.camera.exposed_after
+
+    async def told(t_s: float, deadline: Deadline) -> Any:
+        if bench.camera.asked:
+            exposed.set()
+        return await expose(t_s, deadline)
+
+    monkeypatch.setattr(bench.camera, "exposed_after", told)
+    looking = asyncio.create_task(bench.station.look(HERE, probe_model(), ANYWHERE, bench.caller))
+    await exposed.wait()
+    assert bench.lights.log == [Light.WHITE, Light.RED]
+    assert eyes.asked == []
+    white.set()
+    look = await looking
+    assert look.red is not None
+    assert (look.white.sequence, look.red.sequence) == (1, 2)
+    assert [what for what, _ in eyes.asked] == ["tip", "pads"]
+
+
+@pytest.mark.parametrize("moves_next", [False, True])
+@pytest.mark.parametrize(
+    ("lost", "frames", "lamps"),
+    [
+        ({1}, (3, 2), [Light.WHITE]),
+        ({2}, (1, 3), [Light.RED]),
+        ({1, 2}, (3, 4), [Light.WHITE, Light.RED]),
+    ],
+)
+async def test_a_frame_that_is_lost_is_taken_anew_under_its_own_light_and_the_other_one_is_kept(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, lost: set[int], frames: tuple[int, int], lamps: list[Light],
+    *, moves_next: bool,
+) -> None:  # fmt: skip
+    """It should never search the tip, or a pad, in a picture of another light."""
+    eyes = Eyes(monkeypatch, found_tip(810.0, 600.0))
+    bench.camera.lost = lost
+    look = await bench.station.look(HERE, probe_model(), ANYWHERE, bench.caller, moves_next=moves_next)
+    ahead = [Light.WHITE] if moves_next else []
+    assert bench.lights.log == [Light.WHITE, Light.RED, *ahead, *lamps]
+    assert look.red is not None
+    assert (look.white.sequence, look.red.sequence) == frames
+    assert [what for what, _ in eyes.asked] == ["tip", "pads"]
+
+
+async def test_before_a_move_white_is_lit_and_the_drives_are_asked_while_the_search_goes_on(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    eyes = Eyes(monkeypatch, found_tip(810.0, 600.0))
+    asked = threading.Event()
+    position = bench.gantry.position
+
+    async def told(deadline: Deadline) -> Position:
+        asked.set()
+        return await position(deadline)
+
+    def searches(_pixels: Any, **_how: Any) -> Any:
+        assert asked.wait(30.0), "the search is over only when they were asked"
+        return eyes.seen
+
+    monkeypatch.setattr(bench.gantry, "position", told)
+    monkeypatch.setattr(module, "find_test_points", searches)
+    look = await bench.station.look(HERE, probe_model(), ANYWHERE, bench.caller, moves_next=True)
+    assert bench.lights.log == [Light.WHITE, Light.RED, Light.WHITE]
+    assert look.seen is eyes.seen
+
+
+async def test_drives_that_fail_while_the_search_goes_on_end_the_look_and_leave_nothing_behind(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Eyes(monkeypatch, found_tip(810.0, 600.0))
+
+    async def fails(_deadline: Deadline) -> Position:
+        raise Stalled("silent", device="x")
+
+    monkeypatch.setattr(bench.gantry, "position", fails)
+    with pytest.raises(Stalled):
+        await bench.station.look(HERE, probe_model(), ANYWHERE, bench.caller, moves_next=True)
+    await asyncio.sleep(0)
+    assert len(asyncio.all_tasks()) == 1
+
+
+async def test_a_lamp_that_shone_before_is_not_waited_for_again(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It should count the settling from when it was switched, whenever that was."""
+    bench.lights.settle_s = 5.0
+    switched_s = time.monotonic() - 4.0
+    monkeypatch.setattr(bench.lights, "set", answers(switched_s))
+    await bench.station.capture(Light.WHITE, bench.caller)
+    assert bench.camera.asked[0][0] == switched_s + 5.0
+
+
+def answers(result: Any) -> Any:
+    """Return what always gives this."""
+
+    async def answer(*_asked: Any) -> Any:
+        return result
+
+    return answer
 
 
 def test_a_search_by_the_map_is_of_cads_size_round_the_place_below_the_tip(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import threading
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -121,6 +122,27 @@ def test_what_does_not_fit_is_not_used_and_said(store: Calibrations, damage: str
     with pytest.raises(Fault, match="has not been calibrated: ") as caught:
         again.require_map(30.0, 5200.0)
     assert caught.value.kind is FaultCode.NOT_CALIBRATED
+
+
+@pytest.mark.parametrize(
+    "name", ["map.json", "alignment.json", "alignment.void.json", "probe.npz", "rotation.partial.json"]
+)
+def test_a_pipe_in_the_place_of_a_calibration_is_not_waited_for(store: Calibrations, name: str) -> None:
+    store.store(_of(store, backlash_record))
+    (store.folder / name).unlink(missing_ok=True)
+    os.mkfifo(store.folder / name)
+    found: list[tuple[Calibrations, Partial | None]] = []
+    reading = threading.Thread(target=lambda: found.append((_again(store), Partial.read(store.folder))), daemon=True)
+    reading.start()
+    reading.join(20.0)
+    assert found, "it waits for somebody who writes into the pipe"
+    assert found[0][1] is None
+    assert (found[0][0].probe is None) is (name == "probe.npz")
+
+
+def test_a_note_that_is_nested_too_deeply_voids_the_alignment_and_ends_nothing(store: Calibrations) -> None:
+    (store.folder / "alignment.void.json").write_text("[" * 100_000)
+    assert _again(store).problems["alignment"] == "whether it is void cannot be read"
 
 
 @pytest.mark.parametrize("wrong", ["station", "probe", "map"])

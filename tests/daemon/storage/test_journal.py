@@ -15,7 +15,7 @@ from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.results import JobResult
 from daemon.platform.clock import utc_now
 from daemon.storage.journal import SEQ_BLOCK, Journal
-from daemon.storage.journal_schema import BASE_TABLES, SCHEMA_VERSION
+from daemon.storage.journal_schema import BASE_TABLES, SCHEMA_VERSION, UPGRADES
 
 
 def _result(journal: Journal, job_id: str) -> JobResult:
@@ -123,7 +123,8 @@ async def test_reports_add_up(tmp_path: Path) -> None:
 def _written(path: Path, version: int, *, old: str = "cut") -> None:
     """Make a journal as an older version left it."""
     db = sqlite3.connect(path)
-    db.executescript(BASE_TABLES + f"PRAGMA user_version={version};")
+    upgrades = "".join(UPGRADES[old] for old in range(1, min(version, SCHEMA_VERSION)))
+    db.executescript(BASE_TABLES + upgrades + f"PRAGMA user_version={version};")
     db.execute("INSERT INTO meta VALUES ('next_seq', 4711)")
     db.execute("INSERT INTO jobs(id, op, request, received_at) VALUES (?, 'home', '{}', '2026-01-01')", (old,))
     db.execute("INSERT INTO reports(at, touches) VALUES ('2026-01-01', 30)")
@@ -132,20 +133,43 @@ def _written(path: Path, version: int, *, old: str = "cut") -> None:
     db.close()
 
 
-async def test_a_journal_of_version_1_is_brought_up_to_date_where_it_lies(tmp_path: Path) -> None:
+@pytest.mark.parametrize("version", [1, 2])
+async def test_a_journal_of_an_older_version_is_brought_up_to_date_where_it_lies(tmp_path: Path, version: int) -> None:
     path = tmp_path / "j.sqlite"
-    _written(path, 1)
+    _written(path, version)
     journal = await Journal.open(path)
     assert journal.moved_to is None
     assert journal.upcoming_seq == 4711
     assert await journal.unfinished() == [("cut", "home")]
     assert await journal.touches() == 30
     assert (await journal.alerts(0, 10))[0]["name"] == "pictures_not_kept"
+    assert await journal.begin_touch("t", None, "TP1") == 1
     assert await journal.add_measurement("2026-11-24T00:00:00", 30, "a", {"numbers": {"noise": [0.5]}}) == 1
     await journal.close()
     db = sqlite3.connect(path)
     assert db.execute("PRAGMA user_version").fetchone() == (SCHEMA_VERSION,)
     db.close()
+
+
+async def test_a_spoilt_record_of_a_point_keeps_no_journal_from_being_brought_up_to_date(tmp_path: Path) -> None:
+    path = tmp_path / "j.sqlite"
+    _written(path, 4)
+    db = sqlite3.connect(path)
+    sql = "INSERT INTO points(at, job, run, board_id, point, verdict, record) VALUES ('2026', 'j', 'r', 'b', ?, 'p', ?)"
+    run = (
+        "INSERT INTO runs(id, board_id, plan, plan_hash, state, begun_at, body, jobs, stopped_by)"
+        " VALUES ('r', 'b', 'p', 'h4sh', 'done', '2026', '{}', '[]', '')"
+    )
+    db.execute(run)
+    db.executemany(sql, [("TP1", '{"point": "TP1"}'), ("TP2", '{"point": "TP')])
+    db.commit()
+    db.close()
+    journal = await Journal.open(path)
+    assert journal.moved_to is None
+    page = await journal.stream.read(None, 0, 100)
+    await journal.close()
+    points = [record.body for record in page.records if record.kind == "point"]
+    assert [body and (body["point"], body["plan_hash"]) for body in points] == [("TP1", "h4sh"), None]
 
 
 async def test_a_journal_of_a_newer_version_is_refused_untouched_and_says_what_to_do(tmp_path: Path) -> None:
@@ -265,6 +289,56 @@ async def test_the_journal_keeps_to_its_bounds_and_forgets_no_touch(
     assert [row[2] for row in await journal.measurements(0, 100)] == list(range(12, 20))
     assert [r.id for r in await journal.results(0, 100)] == [f"job-{k}" for k in range(15, 20)]
     assert await journal.unfinished() == [("job-3", "home")], "what has no result yet is never forgotten"
+    await journal.close()
+
+
+async def test_a_touch_counts_from_before_the_needle_goes_down_and_over_a_kill(tmp_path: Path) -> None:
+    path = tmp_path / "j.sqlite"
+    killed = await Journal.open(path)
+    await killed.begin_touch("job-1", "b17", "TP7")
+    copied = tmp_path / "copied.sqlite"
+    for tail in ("", "-wal"):
+        (tmp_path / f"{copied.name}{tail}").write_bytes((tmp_path / f"{path.name}{tail}").read_bytes())
+    await killed.close()
+    journal = await Journal.open(copied)
+    assert await journal.touches_of("b17", "TP7", "") == 1
+    await journal.close()
+
+
+async def test_touches_are_counted_by_board_point_and_time(tmp_path: Path) -> None:
+    journal = await Journal.open(tmp_path / "j.sqlite")
+    for board_id, point in (("b17", "TP7"), ("b17", "TP7"), ("b18", "TP7"), ("b17", "TP8"), (None, "TP7")):
+        await journal.begin_touch("job", board_id, point)
+    later = "2999-01-01T00:00:00.000+00:00"
+    assert await journal.touches_of("b17", "TP7", later) == 2, "of a board that has a name, in its life"
+    assert await journal.touches_of("b19", "TP7", later) == await journal.touches_of(None, "TP7", later) == 0
+    assert await journal.touches_of("b17", "TP7", "") == 4, "since it lies there, by whatever name it was touched"
+    assert await journal.touches_of(None, "TP7", "") == 4
+    await journal.close()
+
+
+async def test_what_came_of_a_touch_is_kept_as_it_becomes_known(tmp_path: Path) -> None:
+    journal = await Journal.open(tmp_path / "j.sqlite")
+    other, number = await journal.begin_touch("job-1", "b17", "TP7"), await journal.begin_touch("job-2", "b17", "TP8")
+    await journal.tell_touch(number, {"z_end_um": 4700.0, "force_n": 0.48})
+    await journal.tell_touch(number, {"ended_by": "lift", "verdict": "pass", "value": 0.4, "unit": "ohm"})
+    with pytest.raises(ValueError, match="no colour"):
+        await journal.tell_touch(number, {"colour": "red"})
+    await journal.close()
+    db = sqlite3.connect(tmp_path / "j.sqlite")
+    sql = "SELECT job, z_end_um, force_n, ended_by, verdict, value, unit FROM touches WHERE n=?"
+    assert db.execute(sql, (number,)).fetchone() == ("job-2", 4700.0, 0.48, "lift", "pass", 0.4, "ohm")
+    assert db.execute(sql, (other,)).fetchone() == ("job-1", None, None, None, None, None, None)
+    db.close()
+
+
+async def test_the_oldest_touches_go_beyond_the_bound(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("daemon.storage.journal.TOUCHES_KEPT", 3)
+    journal = await Journal.open(tmp_path / "j.sqlite")
+    for _ in range(5):
+        await journal.begin_touch("job", "b17", "TP7")
+    await journal.trim(measurements_kept=8)
+    assert await journal.touches_of("b17", "TP7", "") == 3
     await journal.close()
 
 

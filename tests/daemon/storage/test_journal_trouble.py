@@ -241,6 +241,131 @@ async def test_a_journal_that_was_overwritten_is_moved_aside_and_numbers_go_on(
     await journal.close()
 
 
+def _cut_log(path: Path) -> None:
+    os.truncate(path.with_name(f"{path.name}-wal"), 0)
+
+
+def _halve_log(path: Path) -> None:
+    log = path.with_name(f"{path.name}-wal")
+    os.truncate(log, log.stat().st_size // 2)
+
+
+def _overwrite_log(path: Path) -> None:
+    log = path.with_name(f"{path.name}-wal")
+    log.write_bytes(b"x" * (log.stat().st_size + 4096))
+
+
+@pytest.mark.parametrize("spoil", [_cut_log, _halve_log, _overwrite_log])
+async def test_a_log_that_was_written_over_takes_no_job_and_what_comes_after_a_reset_is_kept(
+    tmp_path: Path, spoil: Callable[[Path], None]
+) -> None:
+    folder = tmp_path / "data"
+    old = await _kept(folder)
+    await old.close()
+    journal = await Journal.open(folder / "j.sqlite")
+    await journal.add_job("last", "home", "{}")
+    number = journal.take_seq()
+    spoil(folder / "j.sqlite")
+    with pytest.raises(Fault) as refused:
+        await journal.add_job("a", "home", "{}")
+    assert "reset" in refused.value.advice
+    assert await journal.mend() is None
+    assert journal.moved_to is not None, "what is lost is said"
+    await journal.add_job("b", "home", "{}")
+    await journal.finish_job(_result("b", journal.take_seq()))
+    left = _as_a_kill_leaves_it(folder, tmp_path / "killed")
+    await journal.close()
+    for path in (folder / "j.sqlite", left):
+        again = await Journal.open(path)
+        assert await again.job("a") is None, "it was refused"
+        stored = await again.job("b")
+        assert stored is not None
+        assert stored.result is not None
+        assert await again.job("done") is not None, "what the log did not hold is there"
+        assert again.upcoming_seq > number
+        await again.close()
+
+
+async def _with_jobs(folder: Path, names: str) -> Journal:
+    """Open a journal whose log holds these jobs, and what was before in its file."""
+    await (await _kept(folder)).close()
+    journal = await Journal.open(folder / "j.sqlite")
+    for name in names:
+        await journal.add_job(name, "home", "{}")
+    return journal
+
+
+def _spoil_log_after(path: Path, name: str) -> None:
+    """Change one byte of the log in the page that was written when this job was taken."""
+    log = path.with_name(f"{path.name}-wal")
+    data = bytearray(log.read_bytes())
+    data[data.index(f"{name}home{{}}".encode())] ^= 1
+    log.write_bytes(data)
+
+
+async def test_a_byte_of_the_log_that_was_changed_is_noticed_and_what_came_before_it_is_kept(tmp_path: Path) -> None:
+    journal = await _with_jobs(tmp_path, "abcdef")
+    number = journal.take_seq()
+    _spoil_log_after(tmp_path / "j.sqlite", "d")
+    assert await journal.check() is not None
+    with pytest.raises(Fault) as refused:
+        await journal.add_job("g", "home", "{}")
+    assert "reset" in refused.value.advice
+    assert await journal.mend() is None
+    assert journal.moved_to is not None, "what is lost is said"
+    await journal.add_job("h", "home", "{}")
+    assert await journal.check() is None
+    await journal.close()
+    again = await Journal.open(tmp_path / "j.sqlite")
+    assert again.moved_to is None, "it is sound"
+    assert [name for name in "abcdefgh" if await again.job(name)] == ["a", "b", "c", "h"]
+    assert again.upcoming_seq > number
+    await again.close()
+
+
+async def test_a_log_that_only_grows_is_nobody_else_s(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It should be well after every kind of work: many writes, refused ones, a log that begins again."""
+    monkeypatch.setattr("daemon.storage.journal.VERIFY_LOG_EVERY_S", 0.0)
+    journal = await _with_jobs(tmp_path, "ab")
+    for n in range(40):
+        await journal.add_step("a", "look", {"n": n, "much": "x" * 40_000})
+        assert await journal.check() is None
+        with pytest.raises(Fault, match="UNIQUE"):
+            await journal.add_job("a", "home", "{}")
+        assert await journal.check() is None
+    await journal.close()
+
+
+async def test_a_log_that_was_spoilt_before_a_start_is_told_of_and_kept(tmp_path: Path) -> None:
+    journal = await _with_jobs(tmp_path / "data", "abcdef")
+    number = journal.take_seq()
+    left = _as_a_kill_leaves_it(tmp_path / "data", tmp_path / "killed")
+    await journal.close()
+    _spoil_log_after(left, "d")
+    again = await Journal.open(left)
+    assert again.moved_to is not None
+    assert again.moved_to.exists()
+    assert "3 writes are lost" in again.moved_because
+    assert [name for name in "abcdef" if await again.job(name)] == ["a", "b", "c"]
+    assert again.upcoming_seq > number
+    await again.close()
+
+
+@pytest.mark.parametrize("cut", [0, 100])
+async def test_a_kill_or_a_last_write_cut_off_by_a_loss_of_power_is_no_damage(tmp_path: Path, cut: int) -> None:
+    journal = await _with_jobs(tmp_path / "data", "abcdef")
+    left = _as_a_kill_leaves_it(tmp_path / "data", tmp_path / "killed")
+    await journal.close()
+    log = left.with_name(f"{left.name}-wal")
+    data = bytearray(log.read_bytes())
+    data[-100:] = bytes(cut) or data[-100:]
+    log.write_bytes(data)
+    again = await Journal.open(left)
+    assert again.moved_to is None
+    assert await again.job("e") is not None
+    await again.close()
+
+
 async def test_a_journal_that_was_only_touched_loses_nothing(tmp_path: Path) -> None:
     journal = await _kept(tmp_path)
     os.utime(tmp_path / "j.sqlite", (1, 1))
@@ -248,4 +373,36 @@ async def test_a_journal_that_was_only_touched_loses_nothing(tmp_path: Path) -> 
     assert await journal.mend() is None
     assert journal.moved_to is None
     assert await journal.job("done") is not None
+    await journal.close()
+
+
+@pytest.mark.parametrize(
+    ("lay", "clear"),
+    [
+        (Path.mkdir, Path.rmdir),
+        (os.mkfifo, Path.unlink),
+        (lambda path: path.symlink_to(path.parent / "none" / "j"), Path.unlink),
+    ],
+    ids=["folder", "pipe", "dangling link"],
+)
+async def test_what_is_no_file_in_the_journal_s_place_is_said_and_work_goes_on_once_it_is_moved(
+    tmp_path: Path, lay: Callable[[Path], None], clear: Callable[[Path], None]
+) -> None:
+    path = tmp_path / "j.sqlite"
+    lay(path)
+    journal = await Journal.open(path)
+    assert journal.trouble is not None
+    assert journal.trouble.kind is FaultCode.JOURNAL_FAILED
+    assert str(path) in journal.trouble.message
+    assert "move away" in journal.trouble.advice
+    clear(path)
+    assert await journal.check() is None
+    await journal.add_job("a", "home", "{}")
+    await journal.close()
+
+
+async def test_a_pipe_in_the_place_of_the_pinned_facts_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "j.pinned")
+    journal = await Journal.open(tmp_path / "j.sqlite")
+    await journal.add_job("a", "home", "{}")
     await journal.close()

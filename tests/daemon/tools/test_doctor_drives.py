@@ -8,10 +8,13 @@ from pathlib import Path
 
 import pytest
 
+from daemon.config.model import BusSection
 from daemon.tools.doctor.drives import examine_axis, examine_round_trip
 from daemon.tools.doctor.findings import CheckResults
 from daemon.tools.doctor.scan import scan_line
+from daemon.tools.setup import who_answers
 from drivers.bus import ModbusBus, SerialLine
+from drivers.errors import LinkTimeout
 from drivers.l4118 import Axis
 from tests.drivers.l4118.conftest import CONFIG
 from tests.drivers.peers.drive import DriveModel, several
@@ -87,7 +90,7 @@ async def test_a_drive_without_function_43_is_named_as_that(ends: Open) -> None:
 
     verdict, text = (await ends(answer).examine())["axis Z"]
     assert verdict == "fail"
-    assert "no function code 43" in text
+    assert "exception 01h to FC 43" in text
 
 
 async def test_an_adapter_that_hears_itself_is_named(ends: Open) -> None:
@@ -140,3 +143,33 @@ async def test_a_scan_finds_who_answers_and_writes_nothing(ends: Open) -> None:
     assert [check.verdict for check in findings.checks] == ["ok"] * 3
     assert not any(request[1] in MOVES or request[1] == 43 for request in line.far.requests)
     assert all(drive.log == [] for drive in drives)
+
+
+async def test_a_drive_that_is_late_once_is_not_missed_by_who_sets_up_a_station(ends: Open) -> None:
+    """A computer or a slave may be busy just when its address is asked: the silent ones are asked again."""
+    both = several(DriveModel(2), DriveModel(7))
+    late = {2: [0.0, 0.5]}
+
+    def answer(request: bytes) -> list[Step]:
+        if request[0] == 5:
+            return [framed(bytes([5, request[1] | 0x80, 1]))]
+        wait_s = (late.get(request[0]) or [0.0]).pop(0) if late.get(request[0]) else 0.0
+        return [wait_s, *both(request)] if wait_s else list(both(request))
+
+    line = ends(answer)
+    found = await who_answers(BusSection(port=line.near.port, parity="N"), range(1, 9))
+    assert found is not None
+    assert (found.drives, found.others) == ((2, 7), (5,))
+
+
+async def test_one_that_falls_silent_is_not_taken_for_a_relay_board(ends: Open) -> None:
+    both, asked = several(DriveModel(2), DriveModel(7)), 0
+
+    def answer(request: bytes) -> list[Step]:
+        nonlocal asked
+        asked += request[0] == 7
+        return [] if request[0] == 7 and asked > 2 else list(both(request))
+
+    line = ends(answer)
+    with pytest.raises(LinkTimeout):
+        await who_answers(BusSection(port=line.near.port, parity="N"), range(1, 9))

@@ -103,7 +103,7 @@ def test_an_alert_of_maintenance_is_what_the_wire_says_it_is() -> None:
 
 
 def test_what_every_request_may_carry_is_no_secret() -> None:
-    assert set(Request.model_fields) == {"v", "tag", "deadline_ms"}
+    assert set(Request.model_fields) == {"v", "tag", "by", "deadline_ms"}
 
 
 def test_the_command_prints_the_schemas_or_writes_all(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.roles import ROLES, Caller, Role
 from daemon.wire.docs.page import page
 from daemon.wire.docs.schema import schemas
-from daemon.wire.operations import control, describe, health, jobs
+from daemon.wire.operations import control, describe, health, jobs, records
 from daemon.wire.operations.row import DefaultDeadline, Operation
 from daemon.wire.operations.table import OPERATIONS, AnyRequest, OperationTable
 from daemon.wire.replies import Reply
@@ -35,22 +35,33 @@ KEPT: dict[str, tuple[Role, DefaultDeadline]] = {
     "lift": ("operate", JOB),
     "cancel": ("operate", SHORT),
     "reset": ("maintain", SHORT),
+    "light": ("operate", SHORT),
     "status": ("observe", NONE),
     "snapshot": ("observe", NONE),
     "result": ("observe", SHORT),
     "results": ("observe", SHORT),
     "alerts": ("observe", SHORT),
-    "acknowledge": ("maintain", SHORT),
+    "acknowledge": ("operate", SHORT),
     "report": ("operate", SHORT),
     "describe": ("observe", NONE),
+    "config": ("observe", NONE),
+    "history": ("observe", SHORT),
+    "audit": ("maintain", SHORT),
+    "note": ("operate", SHORT),
+    "pictures": ("observe", SHORT),
+    "picture": ("observe", SHORT),
 }
 """Operations whose role and deadline clients rely on, in the order of the page; a new one need not be added."""
-MODULES = {jobs: jobs.AnyJob, control: control.AnyControl, health: health.AnyHealth, describe: describe.Describe}
+MODULES = {jobs: jobs.AnyJob, control: control.AnyControl, health: health.AnyHealth, describe: describe.AnyDescription,
+           records: records.AnyRecord}  # fmt: skip
 SOURCE = Path(daemon.__file__).parent
-ASKERS = ("cli/", "tools/", "client.py")
+ASKERS = ("cli/", "tools/", "page/", "client.py")
 """Parts of the program that send requests, as any client does."""
-RULES_OF_THEIR_OWN = {"correct", "look", "calibrate", "home", "lift"}
-"""Operations that some files treat in a way of their own, such as `home` and `lift`, which are allowed in fault."""
+RULES_OF_THEIR_OWN = {"correct", "look", "calibrate", "home", "lift", "touch", "probe", "run"}
+"""Operations that some files treat in a way of their own, such as `home` and `lift`, which are allowed in fault.
+
+The word `probe` is also what some call the needle, and `run` that of which a point's record is a part.
+"""
 
 
 class Wipe(JobRequest):

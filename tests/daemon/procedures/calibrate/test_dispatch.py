@@ -58,6 +58,16 @@ async def test_the_tip_is_taught_from_a_white_frame_at_the_pixel_pointed_at(
     assert world.gantry.moves == []
 
 
+async def test_a_needle_that_was_taught_anew_has_no_tare_of_the_one_before(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ProbeModel, "teach", lambda *_pixels, **_named: probe_model())
+    world.teach()
+    world.station.needle.health.read(0.4, good=True)
+    await run(world, PROCEDURES["calibrate"], TEACH)
+    assert world.station.needle.health.tare_ohm == 0.0
+
+
 async def test_a_frame_in_which_no_needle_is_seen_teaches_nothing(world: World) -> None:
     world.teach()
     with pytest.raises(Fault) as caught:

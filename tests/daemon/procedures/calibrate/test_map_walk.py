@@ -10,9 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from daemon.config.model import BrushSection, Section
+from daemon.domain.board_layers import Body, Painting
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.states import Event
 from daemon.procedures.calibrate import map_walk
+from daemon.procedures.calibrate.far_places import FAR_COUNT, FAR_REACH_PX, FAR_UM
 from daemon.procedures.calibrate.map_walk import (
     LIFT_REACH_PX,
     LIFTS,
@@ -28,7 +31,8 @@ from daemon.procedures.move_sequence import MoveSequence
 from daemon.procedures.registry import PROCEDURES
 from daemon.station.station import CrossSearch, LookResult, Search
 from daemon.storage.calibration_records import MapRecord
-from drivers.errors import EnvelopeViolation
+from drivers.errors import EnvelopeViolation, Stalled
+from tests.daemon.procedures.cad_board import cad_board, cad_pad, rectangle
 from tests.daemon.procedures.fake_station import (
     BELOW_PX,
     HOVER_UM,
@@ -36,6 +40,7 @@ from tests.daemon.procedures.fake_station import (
     SHAPE,
     TIP_PX,
     WORK_Z_UM,
+    Edit,
     Ran,
     World,
     a_board,
@@ -54,8 +59,8 @@ FREE_AT_WORK = {"surface_range_um": 100.0}
 """Working height is free of any surface that is possible: heights are no matter here."""
 
 
-def _world(folder: Path, **changes: dict[str, Any]) -> World:
-    free = changes | {"gantry": FREE_AT_WORK | changes.get("gantry", {})}
+def _world(folder: Path, **changes: dict[str, Any] | Section) -> World:
+    free = changes | {"gantry": FREE_AT_WORK}
     return World(folder, a_board(("A", 10_000.0, 5_000.0)), free).teach()
 
 
@@ -107,11 +112,11 @@ async def test_the_answer_and_the_record_carry_what_was_seen(world: World) -> No
     assert isinstance(record, MapRecord)
     assert (record.mark, record.theta_deg, record.tip_px) == ("A", 30.0, TIP_PX)
     assert (ran.got.outcome, ran.got.test_point, told["what"]) == ("calibrated", "A", "map")
-    assert told["sightings"] == len(record.sightings) == WALK + 3
+    assert told["sightings"] == len(record.sightings) == WALK + 3 + FAR_COUNT
     assert told["residual_um"] == pytest.approx(0.0, abs=0.02)
     assert told["below_tip_px"] == pytest.approx(list(BELOW_PX), abs=0.02)
     assert told["um_per_px"] == pytest.approx(1 / world.true_map.scale_px_per_um(TIP_PX), abs=0.01)
-    assert 600.0 < told["radius_um"] < 900.0
+    assert 2_500.0 < told["radius_um"] < 3_700.0
     for seen in record.sightings:
         away = world.pad_um("A") - np.add(
             (seen.x_um, seen.y_um), world.config.head.model().tip_offset_um(seen.theta_deg)
@@ -135,7 +140,7 @@ async def test_a_target_off_its_place_is_walked_round_where_it_lies(world: World
 async def test_how_far_the_lift_scatters_is_kept_as_its_uncertainty(world: World) -> None:
     rng = np.random.default_rng(7)
     noise = [(float(rng.normal(0, 0.1)), float(rng.normal(0, 0.3))) for _ in range(2 * LIFTS)]
-    count = 3 + WALK
+    count = 3 + WALK + FAR_COUNT
     by_look = {count + 1 + n: error for n, error in enumerate(noise)}
     world.noise_px = lambda: by_look.get(len(world.station.searches), (0.0, 0.0))
     await _map(world)
@@ -173,7 +178,7 @@ async def test_it_steps_along_both_axes_then_walks_two_rings(world: World) -> No
     angles = np.degrees(np.arctan2(*(outer - centre).T[::-1])) % 360.0
     assert angles[0] == pytest.approx(0.95 * 36.0)
     assert np.diff(angles) == pytest.approx([36.0] * 9)
-    assert ran.progress == [(4 + n, WALK + 3, "map on A") for n in range(WALK)]
+    assert ran.progress == [(4 + n, WALK + 3 + FAR_COUNT, "map on A") for n in range(WALK + FAR_COUNT)]
     assert ran.events[:3] == [Event.ACCEPTED, Event.SEEN, Event.ARRIVED]
 
 
@@ -182,7 +187,8 @@ async def test_the_walk_looks_wide_and_the_lift_near(world: World) -> None:
     searches = [s for s in world.station.searches if isinstance(s, Search)]
     wide = Search((0.0, 0.0), pytest.approx(2 * 700.0 / 12.0), pytest.approx(250.0 / 12.0))
     assert searches[: 3 + WALK] == [wide] * (3 + WALK)
-    for low, high in zip(searches[3 + WALK :: 2], searches[4 + WALK :: 2], strict=True):
+    lifts = searches[3 + WALK + FAR_COUNT :]
+    for low, high in zip(lifts[::2], lifts[1::2], strict=True):
         assert low == wide
         assert high.reach_px == LIFT_REACH_PX
         assert math.hypot(*high.offset_px) > 20.0, "it is expected where it was seen from below"
@@ -190,7 +196,7 @@ async def test_the_walk_looks_wide_and_the_lift_near(world: World) -> None:
 
 async def test_the_lift_is_beside_the_needle_across_its_direction(world: World) -> None:
     await _map(world)
-    offsets = _offsets(world)[3 + WALK :]
+    offsets = _offsets(world)[3 + WALK + FAR_COUNT :]
     assert [round(float(o[2])) for o in offsets] == [0, 200] * LIFTS
     assert all(np.allclose(o[:2], offsets[0][:2]) for o in offsets)
     seen = world.calibrations.records["map"]
@@ -212,7 +218,7 @@ async def test_a_large_target_is_not_left_for_the_lift(tmp_path: Path) -> None:
     """Its half width and the needle's would be more than half the reach: half the reach it is."""
     world = World(tmp_path, a_board(("A", 10_000.0, 5_000.0), diameter_um=1_600.0), {"gantry": FREE_AT_WORK}).teach()
     await _map(world)
-    chosen = _offsets(world)[3 + WALK][:2]
+    chosen = _offsets(world)[3 + WALK + FAR_COUNT][:2]
     record = world.calibrations.records["map"]
     assert isinstance(record, MapRecord)
     way = 700.0 / 12.0
@@ -254,6 +260,146 @@ async def test_there_must_be_room_for_the_walk_before_it_begins(
     assert (world.gantry.moves, ran.events) == ([], [])
 
 
+async def test_far_from_the_tip_the_map_is_as_good_as_what_was_seen_there(world: World) -> None:
+    """The flex of the stops bends a map of the near rings alone by some per cent of what is far out."""
+    rng = np.random.default_rng(3)
+    world.noise_px = lambda: (float(rng.normal(0, 0.7)), float(rng.normal(0, 0.7)))
+    await _map(world)
+    found = world.context.require_map()
+    for far_px in ((280.0, 0.0), (-280.0, 0.0), (0.0, 280.0), (0.0, -280.0)):
+        px = np.add(TIP_PX, far_px)
+        off_um = found.from_tip_um(px, TIP_PX, 0.0) - world.true_map.from_tip_um(px, TIP_PX, 0.0)
+        assert float(np.linalg.norm(off_um)) < 45.0
+
+
+async def test_the_far_ring_is_looked_for_where_the_near_ones_say_that_it_is(world: World) -> None:
+    await _map(world)
+    searches = [s for s in world.station.searches if isinstance(s, Search)][3 + WALK : 3 + WALK + FAR_COUNT]
+    offsets = np.array(_offsets(world)[3 + WALK : 3 + WALK + FAR_COUNT])
+    assert {s.reach_px for s in searches} == {FAR_REACH_PX}
+    assert np.linalg.norm(offsets[:, :2] - offsets[:, :2].mean(axis=0), axis=1) == pytest.approx([FAR_UM] * FAR_COUNT)
+    assert set(offsets[:, 2]) == {0.0}
+    assert all(math.hypot(*s.offset_px) > 150.0 for s in searches)
+
+
+async def test_far_places_out_of_reach_or_unseen_are_left_out(tmp_path: Path) -> None:
+    free = _world(tmp_path / "free")
+    over = free.geometry.position_over(free.board.find("A").place_um, 0.0)
+    section = free.config.axes.x.model_copy(update={"maximum": over.x_um + 1_500.0})
+    world = _world(tmp_path / "tight", axes={"x": section})
+    world.station.script[3 + WALK + 1] = _hide
+    told = (await _map(world)).got.detail
+    assert told["sightings"] == WALK + 3 + FAR_COUNT - 2 - 1
+    assert max(offset[0] for offset in _offsets(world)) <= 1_500.0
+
+
+async def test_a_far_place_without_room_to_come_to_it_from_below_is_left_out(tmp_path: Path) -> None:
+    """The axes come to a place from below it: one that is nearer to their end would be refused in mid-walk."""
+    free = _world(tmp_path / "free")
+    over = free.geometry.position_over(free.board.find("A").place_um, 0.0)
+    section = free.config.axes.x.model_copy(update={"minimum": over.x_um - 2_800.0})
+    world = _world(tmp_path / "tight", axes={"x": section})
+    assert (await _map(world)).got.detail["sightings"] == WALK + 3 + FAR_COUNT - 2
+    room_um = world.config.gantry.approach_um
+    assert min(to.x_um for to, _ in world.gantry.moves) - room_um >= section.minimum
+
+
+def _glare(look: LookResult) -> LookResult:
+    return replace(look, seen=Seen(missing(Reason.SATURATED), (), (), (), (0, 0, 10, 10)))
+
+
+def _no_tip(reason: Reason) -> Edit:
+    return lambda look: replace(look, tip=NotFound(reason, "no tip"), seen=None)
+
+
+@pytest.mark.parametrize("count", [1, FAR_COUNT])
+@pytest.mark.parametrize("unseen", [_glare, _no_tip(Reason.TOO_DARK), _no_tip(Reason.NO_NEEDLE)])
+async def test_what_is_not_seen_at_far_places_does_not_end_a_map_of_which_the_near_ones_are_good(
+    world: World, count: int, unseen: Edit
+) -> None:
+    world.station.script = dict.fromkeys(range(4 + WALK, 4 + WALK + count), unseen)
+    assert (await _map(world)).got.detail["sightings"] == WALK + 3 + FAR_COUNT - count
+    assert world.context.require_map().below_tip_px == pytest.approx(BELOW_PX, abs=0.02)
+
+
+async def test_a_lamp_that_goes_out_on_the_way_to_far_places_is_told(world: World) -> None:
+    world.station.script = dict.fromkeys(range(4 + WALK, 4 + WALK + FAR_COUNT + 2), _glare)
+    assert (await _fault(world)).kind is FaultCode.FRAME_UNUSABLE
+    assert len(world.gantry.moves) == 3 + WALK + FAR_COUNT + 1
+
+
+async def test_a_fault_of_the_machine_at_a_far_place_ends_it_at_once(world: World) -> None:
+    world.gantry.failures[3 + WALK + 2] = Stalled("Y stalled", device="y")
+    with pytest.raises(Stalled):
+        await _map(world)
+    assert len(world.gantry.moves) == 3 + WALK + 2
+
+
+@pytest.mark.parametrize(("seen", "taken"), [(0, 0), (1, 0), (2, 0), (3, 3)])
+async def test_so_few_far_sightings_that_none_is_held_against_another_bend_no_map(
+    world: World, seen: int, taken: int
+) -> None:
+    world.station.script = dict.fromkeys(range(4 + WALK, 4 + WALK + FAR_COUNT - seen), _hide)
+    told = (await _map(world)).got.detail
+    assert told["sightings"] == WALK + 3 + taken
+    assert (told["radius_um"] > 1_000.0) is (taken > 0)
+
+
+def _seen_off(px: float) -> Edit:
+    """Return what makes a pad seen by so much beside where it is."""
+
+    def moved(look: LookResult) -> LookResult:
+        assert look.seen is not None
+        (pad,) = look.seen.taken
+        off = replace(pad, x_px=pad.x_px + px)
+        return replace(look, seen=replace(look.seen, nearest=off, taken=(off,)))
+
+    return moved
+
+
+async def test_far_sightings_that_the_near_ones_contradict_are_left_out(world: World) -> None:
+    world.station.script = dict.fromkeys(range(4 + WALK, 4 + WALK + FAR_COUNT), _seen_off(20.0))
+    told = (await _map(world)).got.detail
+    assert (told["sightings"], told["residual_um"]) == (WALK + 3, pytest.approx(0.0, abs=0.02))
+    assert told["radius_um"] < 1_000.0
+
+
+async def test_near_sightings_of_another_thing_do_not_lead_the_far_ones_astray(world: World) -> None:
+    world.station.script = dict.fromkeys((8, 12, 17), _seen_off(90.0))
+    assert (await _map(world)).got.detail["sightings"] == WALK + 3 + FAR_COUNT
+    searches = [s for s in world.station.searches if isinstance(s, Search)][3 + WALK : 3 + WALK + FAR_COUNT]
+    record = world.calibrations.records["map"]
+    assert isinstance(record, MapRecord)
+    for search, seen in zip(searches, record.sightings[3 + WALK :], strict=True):
+        assert np.add(TIP_PX, search.offset_px) == pytest.approx(seen.target_px, abs=0.5)
+
+
+@pytest.mark.parametrize("what", ["bodies", "soldered"])
+async def test_the_needle_comes_down_nowhere_far_out_where_a_part_or_solder_may_be(tmp_path: Path, what: str) -> None:
+    board = cad_board(cad_pad("A", 10_000.0, 5_000.0, kind="site", shape="round", diameter_um=500.0, part=None))
+    assert board.layers is not None
+    part = rectangle(14_500.0, 5_000.0, 1_000.0, 400.0)
+    there = (
+        {"bodies": (Body(outline=part, part="U1"),)} if what == "bodies" else {"soldered": Painting(outlines=(part,))}
+    )
+    side = board.layers.top.model_copy(update=there)
+    board = board.model_copy(update={"layers": board.layers.model_copy(update={"top": side})})
+    world = World(tmp_path, board, {"gantry": FREE_AT_WORK}).teach()
+    assert (await _map(world)).got.detail["sightings"] == WALK + 3 + FAR_COUNT - 2
+    tips_um = [world.geometry.robot_to_board_um(world.geometry.tip_um(to)) for to, _ in world.gantry.moves]
+    assert max(float(tip[0]) for tip in tips_um) < 14_000.0 - 1_500.0, "the barrel's radius"
+
+
+async def test_the_needle_comes_down_nowhere_far_out_on_a_higher_reference_pad(tmp_path: Path) -> None:
+    free = _world(tmp_path / "free")
+    x_um, y_um = (float(v) for v in free.pad_um("A"))
+    high = free.config.gantry.touch_z_um + 400.0
+    brush = BrushSection(x_um=x_um + 7_500.0, y_um=y_um, z_um=high)
+    world = _world(tmp_path / "world", brush=brush)
+    assert (await _map(world)).got.detail["sightings"] == WALK + 3 + FAR_COUNT - 2
+    assert max(offset[0] for offset in _offsets(world)) < 2_700.0
+
+
 # --- what stands in the way ---------------------------------------------------------------------------------------
 
 
@@ -276,6 +422,15 @@ async def test_a_hidden_step_is_taken_the_other_way(world: World) -> None:
     assert world.context.require_map().below_tip_px == pytest.approx(BELOW_PX, abs=0.02)
 
 
+async def test_a_step_hidden_at_both_ends_is_taken_longer(world: World) -> None:
+    """A target right beside the needle, hidden just not too much at first, may be hidden at both ends of a step."""
+    world.station.script = dict.fromkeys((2, 3, 5, 6, 7), _hide)
+    await _map(world)
+    wanted = ((200.0, 0.0), (-200.0, 0.0), (300.0, 0.0), (0.0, 200.0), (0.0, -200.0), (0.0, 300.0), (0.0, -300.0))
+    assert [o[:2] for o in _offsets(world)][1:8] == [pytest.approx(o) for o in wanted]
+    assert world.context.require_map().below_tip_px == pytest.approx(BELOW_PX, abs=0.02)
+
+
 async def test_a_target_seen_from_nowhere_is_a_fault_with_the_last_reason(world: World) -> None:
     world.hidden = {"A"}
     fault = await _fault(world)
@@ -290,7 +445,7 @@ async def test_too_few_sightings_are_no_map(world: World, lost: int, good: bool)
     order = [*range(4, 4 + WALK, 2), *range(5, 4 + WALK, 2)]
     world.station.script = dict.fromkeys(order[:lost], _hide)
     if good:
-        assert (await _map(world)).got.detail["sightings"] == MIN_SIGHTINGS
+        assert (await _map(world)).got.detail["sightings"] == MIN_SIGHTINGS + FAR_COUNT
         return
     fault = await _fault(world)
     assert fault.kind is FaultCode.CALIBRATION_FAILED
@@ -302,7 +457,7 @@ async def test_too_few_sightings_are_no_map(world: World, lost: int, good: bool)
 
 @pytest.mark.parametrize("which", [1, 2])
 async def test_a_target_lost_while_lifted_is_no_map(world: World, which: int) -> None:
-    world.station.script[3 + WALK + which] = _hide
+    world.station.script[3 + WALK + FAR_COUNT + which] = _hide
     fault = await _fault(world)
     assert fault.kind is FaultCode.CALIBRATION_FAILED
     assert "A was lost while the needle was lifted beside it: it is no_test_point" in fault.message
@@ -336,7 +491,7 @@ async def test_the_walk_goes_no_farther_than_the_largest_placement_error_from_wh
     world = _world(tmp_path, servo={"max_placement_um": 300.0})
     world.true_pose = replace(world.true_pose, tx_um=60_420.0)
     await _map(world)
-    rings = np.array(_offsets(world)[-WALK - 2 * LIFTS : -2 * LIFTS])[:, :2]
+    rings = np.array(_offsets(world)[: -FAR_COUNT - 2 * LIFTS][-WALK:])[:, :2]
     assert np.linalg.norm(rings[6:].mean(axis=0)) == pytest.approx(300.0)
 
 

@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import combinations
+from math import dist
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from daemon.domain.board import Board, BoardPoint
+from daemon.domain.board_layers import BoardLayers, SideShapes
 from daemon.domain.errors import Fault, FaultCode
+from daemon.domain.point_mark import Mark, PointMark
 from daemon.domain.states import Event
+from daemon.domain.surface_points import LEAST_PINS, surface_points
 from daemon.procedures.calibrate import planarity
+from daemon.procedures.calibrate.planarity import choose_places
+from daemon.procedures.calibrate.spread import TOUCH_SIGMA_UM, plane_sigma_um
 from daemon.procedures.registry import PROCEDURES
+from daemon.station.kinematics import EXTRAPOLATED_UM, beyond_um
+from daemon.station.station import LookResult
 from daemon.storage.calibration_records import SurfaceRecord
 from drivers.errors import EnvelopeViolation
-from tests.daemon.procedures.fake_station import Ran, World, a_board, begin, run
+from tests.daemon.procedures.fake_station import SENSE_INPUT, Ran, World, a_board, begin, run
+from vision import NotFound, Reason
 
 GRID = [(f"P{i}{k}", 5_000.0 + 7_000.0 * i, 4_000.0 + 6_500.0 * k) for i in range(4) for k in range(3)]
 REQUEST = {"op": "calibrate", "what": "surface", "places": 12}
@@ -49,6 +62,29 @@ def _tilted(x_um: float, y_um: float) -> float:
     return 10.0 + (x_um - 60_000.0) / 1e3 - 0.5 * (y_um - 40_000.0) / 1e3
 
 
+@pytest.mark.parametrize("forbidden", [{"P00"}, {"P11", "P32"}])
+async def test_no_point_is_touched_that_a_person_forbade(world: World, forbidden: set[str]) -> None:
+    async def mark_of(board: str, side: str, point: str) -> PointMark | None:
+        assert (board, side) == (world.context.board.name, world.context.board.side)
+        if point not in forbidden | {"P20"}:
+            return None
+        mark: Mark = "forbidden" if point in forbidden else "approved"
+        return PointMark(point=point, mark=mark, reason="its trace lifts", by="M. Weber", at="2026-11-26T07:00:00")
+
+    await _measure(world, ran=begin(REQUEST, mark_of=mark_of))
+    touched = {(round(touch.x_um), round(touch.y_um)) for touch in _record(world).touches}
+    assert touched == {(60_000 + x, 40_000 + y) for name, x, y in GRID if name not in forbidden}
+
+
+async def test_where_too_few_points_are_allowed_nothing_moves(world: World) -> None:
+    async def mark_of(_board: str, _side: str, point: str) -> PointMark:
+        return PointMark(point=point, mark="forbidden", reason="no", by="M. Weber", at="2026-11-26T07:00:00")
+
+    fault = await _fault(world, ran=begin(REQUEST, mark_of=mark_of))
+    assert fault.kind is FaultCode.CALIBRATION_FAILED
+    assert world.gantry.moves == []
+
+
 @pytest.mark.parametrize("theta_deg", [0.0, 90.0])
 async def test_the_plane_is_the_surfaces_own(world: World, theta_deg: float) -> None:
     world.height_um = _tilted
@@ -70,6 +106,48 @@ async def test_the_plane_is_the_surfaces_own(world: World, theta_deg: float) -> 
     assert told["rms_um"] == pytest.approx(0.0, abs=0.1)
     assert len(record.residuals_um) == 12
     assert record.flatness_um == pytest.approx(0.0, abs=0.3)
+
+
+@pytest.mark.parametrize("seen_at_deg", [180.0, 90.0, None])
+async def test_a_place_before_whose_ground_the_needle_is_not_seen_is_touched_with_the_head_turned(
+    world: World, seen_at_deg: float | None
+) -> None:
+    world.height_um = _tilted
+    aside = [world.geometry.position_over((5_000.0, 4_000.0), deg) for deg in (0.0, 90.0, 180.0, 270.0)]
+
+    def busy_ground(look: LookResult) -> LookResult:
+        at = look.position
+        here = any(dist((at.x_um, at.y_um), (one.x_um, one.y_um)) < 1.0 for one in aside)
+        if not here or at.theta_deg % 360.0 == seen_at_deg:
+            return look
+        return replace(look, tip=NotFound(Reason.NO_NEEDLE, "a busy ground"))
+
+    world.station.always = busy_ground
+    if seen_at_deg is None:
+        assert (await _fault(world)).kind is FaultCode.TIP_NOT_FOUND
+        assert "surface" not in world.calibrations.records
+        return
+    await _measure(world)
+    robot = 65_000.0, 44_000.0
+    assert world.geometry.height_um(robot) == pytest.approx(_tilted(*robot), abs=0.2)
+    assert any(dist((touch.x_um, touch.y_um), robot) < 1.0 for touch in _record(world).touches)
+
+
+@pytest.mark.parametrize("seed", [f"job-{n}" for n in range(20)])
+def test_no_point_is_left_farther_out_than_the_surface_is_believed(seed: str) -> None:
+    """A crowd in the middle of the board is drawn easily, and the few points at its corners are not."""
+    crowd = [(f"P{i}", 20_000.0 + 1_500.0 * (i % 8), 20_000.0 + 1_500.0 * (i // 8)) for i in range(64)]
+    corners = [
+        ("C0", 2_000.0, 2_000.0),
+        ("C1", 48_000.0, 2_000.0),
+        ("C2", 2_000.0, 48_000.0),
+        ("C3", 48_000.0, 48_000.0),
+    ]
+    mid = [(f"M{i}", x, y) for i, (x, y) in enumerate([(10e3, 10e3), (40e3, 10e3), (10e3, 40e3), (40e3, 40e3)])]
+    flat = tuple(a_board(*crowd, *mid, *corners).points)
+    chosen = choose_places(flat, (), 12, seed)
+    far_um = beyond_um([p.place_um for p in flat], np.array([p.place_um for p in chosen])).max()
+    assert far_um <= EXTRAPOLATED_UM
 
 
 async def test_every_place_is_touched_in_the_middle_of_its_pad(world: World) -> None:
@@ -112,6 +190,15 @@ async def test_points_that_must_not_be_touched_are_not(tmp_path: Path) -> None:
     ran = await _measure(world)
     assert ran.got.detail["places"] == 11
     assert not any("P11" in what for _, _, what in ran.progress)
+
+
+async def test_a_surface_is_not_measured_on_soldered_pads_nor_beside_holes(tmp_path: Path) -> None:
+    board = a_board(*GRID)
+    changes = {"P01": {"kind": "pad"}, "P10": {"diameter_um": None}, "P11": {"centre_um": (0.0, 0.0)}}
+    listed = tuple(p.model_copy(update=changes.get(p.name, {})) for p in board.points)
+    ran = await _measure(_world(tmp_path, board.model_copy(update={"points": listed})))
+    assert ran.got.detail["places"] == len(GRID) - 3
+    assert not any(name in what.split() for _, _, what in ran.progress for name in changes)
 
 
 async def test_places_on_a_line_span_no_plane(tmp_path: Path) -> None:
@@ -201,8 +288,136 @@ async def test_the_deepest_press_must_be_within_reach_before_anything_is_touched
     assert world.gantry.moves == []
 
 
-async def test_a_place_out_of_reach_is_refused_before_anything_is_touched(tmp_path: Path) -> None:
-    world = _world(tmp_path, a_board(*GRID[:6], ("far", 160_000.0, 5_000.0)))
+async def test_a_place_out_of_reach_is_left_out(tmp_path: Path) -> None:
+    """A board may be larger than what the machine reaches."""
+    far = [(f"far{k}", 160_000.0 + 100.0 * k, 5_000.0) for k in range(20)]
+    world = _world(tmp_path, a_board(*far, *GRID))
+    await _measure(world)
+    at_um = [world.geometry.tip_um(to) for to, _ in world.gantry.moves]
+    assert max(float(x_um) for x_um, _ in at_um) < 100_000.0
+
+
+async def test_where_too_few_are_in_reach_that_is_refused_before_anything_is_touched(tmp_path: Path) -> None:
+    world = _world(tmp_path, a_board(*GRID[:3], ("far", 160_000.0, 5_000.0)))
     with pytest.raises(EnvelopeViolation):
         await _measure(world)
     assert world.gantry.moves == []
+
+
+def _points(kind: str, *places: tuple[float, float]) -> tuple[BoardPoint, ...]:
+    named = ((f"{kind}{k}", x_um, y_um) for k, (x_um, y_um) in enumerate(places))
+    return a_board(*named, kind=kind).points
+
+
+ALL_OVER = _points("pad", *((x * 1_000.0, y * 1_000.0) for x in range(0, 80, 2) for y in range(0, 50, 2)))
+
+
+def test_pads_of_parts_stand_in_where_flat_points_are_far_away() -> None:
+    """Seven test points in a corner of a board of 80 mm, as some boards have them."""
+    flat = _points("site", *((14_000.0 + 4_000.0 * k, 12_000.0) for k in range(7)))
+    chosen = choose_places(flat, ALL_OVER, 12, "job")
+    assert len(chosen) == 12
+    assert sum(point.kind == "site" for point in chosen) == 6
+    corners = [(0.0, 0.0), (0.0, 48_000.0), (78_000.0, 0.0), (78_000.0, 48_000.0)]
+    away_um = [min(dist(corner, point.place_um) for point in chosen) for corner in corners]
+    assert max(away_um) < 20_000.0
+
+
+def test_pads_of_parts_are_left_alone_where_flat_points_are_near() -> None:
+    flat = _points("site", *((x, y) for x in (2_000.0, 6_000.0) for y in (2_000.0, 6_000.0)))
+    near = _points("pad", *((x * 1_000.0, y * 1_000.0) for x in range(8) for y in range(8)))
+    assert [point.kind for point in choose_places(flat, near, 12, "job")] == ["site"] * 4
+
+
+def test_a_board_without_any_flat_point_is_measured_on_its_pads() -> None:
+    chosen = choose_places((), ALL_OVER, 12, "job")
+    assert len({point.name for point in chosen}) == 12
+    assert min(dist(a.place_um, b.place_um) for a, b in combinations(chosen, 2)) > 10_000.0
+
+
+def _by_cad(*points: BoardPoint) -> Board:
+    layers = BoardLayers(top=SideShapes(), bottom=SideShapes())
+    return a_board().model_copy(update={"points": points, "layers": layers})
+
+
+PINS = _points("pin", *((x * 1_000.0, y * 1_000.0) for x in range(0, 80, 8) for y in range(0, 50, 8)))
+
+
+def test_a_board_with_pins_alone_is_measured_on_their_rings() -> None:
+    roomy = tuple(p.model_copy(update={"room_um": 100.0 + 10.0 * (k % 5)}) for k, p in enumerate(PINS))
+    flat, instead = surface_points(_by_cad(*roomy))
+    assert flat == ()
+    assert len(instead) == max(LEAST_PINS, len(PINS) // 2)
+    left = {p.name for p in roomy} - {p.name for p in instead}
+    assert min(p.room_um or 0.0 for p in instead) >= max(p.room_um or 0.0 for p in roomy if p.name in left)
+    assert len(choose_places(flat, instead, 12, "job")) == 12
+
+
+def test_pins_are_left_alone_where_pads_do() -> None:
+    pads = _points("pad", *((x * 1_000.0, y * 1_000.0) for x in (0, 70) for y in (0, 40)))
+    assert surface_points(_by_cad(*pads, *PINS)) == ((), pads)
+
+
+def test_without_cad_neither_pads_nor_pins_stand_in() -> None:
+    pads = _points("pad", *((x * 1_000.0, y * 1_000.0) for x in (0, 70) for y in (0, 40)))
+    assert surface_points(a_board().model_copy(update={"points": (*pads, *PINS)})) == ((), ())
+
+
+# --- spread of the places ---------------------------------------------------------------------------------------------
+
+ROW = tuple((5_000.0 + 1_500.0 * k, 10_000.0 + 5.0 * (k % 3)) for k in range(40))
+"""A connector's worth of test points, with the scatter that no two of them are spared."""
+BESIDE = ((6_000.0, 26_000.0), (34_000.0, 27_000.0), (20_000.0, 2_000.0))
+
+
+@pytest.mark.parametrize("count", [4, 6, 12])
+def test_places_that_happen_to_lie_in_a_row_are_drawn_anew(count: int) -> None:
+    flat = _points("site", *ROW, *BESIDE)
+    for seed in range(40):
+        chosen = choose_places(flat, (), count, f"job-{seed}")
+        assert len({point.name for point in chosen}) == count
+        ys = sorted(point.y_um for point in chosen)
+        assert ys[-1] - ys[0] > 5_000.0, f"all in one row with seed {seed}"
+
+
+async def test_places_that_lie_nearly_in_a_row_are_refused_before_anything_is_touched(tmp_path: Path) -> None:
+    world = _world(tmp_path, a_board(*((f"L{k}", *place) for k, place in enumerate(ROW[:20]))))
+    fault = await _fault(world, {"places": 4})
+    assert fault.kind is FaultCode.CALIBRATION_FAILED
+    assert "the places lie on a line, or nearly" in fault.message
+    assert world.gantry.moves == []
+
+
+async def test_how_surely_the_plane_is_known_is_told(world: World) -> None:
+    few = (await _measure(world, {"places": 4})).got.detail["sigma_um"]
+    all_of_them = (await _measure(world, {"id": "b"})).got.detail["sigma_um"]
+    assert all_of_them < few <= 15.0
+
+
+@pytest.mark.parametrize("tilt", [(0.0, 0.0), (2.0, -1.0)])
+def test_a_planes_error_is_as_large_as_noise_makes_it(tilt: tuple[float, float]) -> None:
+    chance = np.random.default_rng(1)
+    places = np.array([(0.0, 0.0), (20e3, 1e3), (18e3, 9e3), (2e3, 12e3), (9e3, 5e3)])
+    at = np.array([(30e3, 20e3)])
+    terms = np.column_stack((np.ones(5), places))
+    heights = places @ np.array(tilt) / 1e3
+    found = []
+    for _ in range(4000):
+        plane, *_ = np.linalg.lstsq(terms, heights + chance.normal(0.0, TOUCH_SIGMA_UM, 5), rcond=None)
+        found.append(plane @ (1.0, *at[0]))
+    assert np.std(found) == pytest.approx(plane_sigma_um(places, at), rel=0.05)
+
+
+async def test_no_place_is_touched_while_the_sense_is_closed_high_above_every_board(tmp_path: Path) -> None:
+    world = _world(tmp_path, sense={"kind": "drive_input"})
+    world.gantry.inputs = {SENSE_INPUT}
+    assert (await _fault(world)).kind is FaultCode.CONTACT_BEFORE_DESCENT
+    assert min(to.z_um for to, _ in world.gantry.moves) >= world.config.gantry.free_z_um
+
+
+async def test_a_pad_that_is_told_to_stand_up_says_nothing_of_the_surface(tmp_path: Path) -> None:
+    board = a_board(*GRID)
+    listed = tuple(p.model_copy(update={"stands_um": 300.0}) if p.name == "P11" else p for p in board.points)
+    ran = await _measure(_world(tmp_path, board.model_copy(update={"points": listed})))
+    assert ran.got.detail["places"] == len(GRID) - 1
+    assert not any("P11" in what for _, _, what in ran.progress)

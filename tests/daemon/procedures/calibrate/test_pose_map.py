@@ -1,5 +1,6 @@
 """A map that a needle must not be trusted to is refused, with what to do."""
 
+import threading
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -102,3 +103,18 @@ def test_a_map_by_which_corrections_would_leave_the_error_is_refused() -> None:
     moved = [replace(s, x_um=s.x_um + (900.0 if k % 2 else 0.0)) for k, s in enumerate(sightings)]
     with pytest.raises(ValueError, match="would leave"):
         _refuse(fit_pose_map(sightings, **GIVEN), moved)
+
+
+async def test_a_map_is_judged_beside_the_event_loop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is fitted again without each of its sightings: that takes tenths of a second, and long on a slow core."""
+    judged_in: list[int] = []
+
+    def judge(fitted: PoseMap, acquisition: Any) -> None:
+        judged_in.append(threading.get_ident())
+        refuse_bad_map(fitted, acquisition)
+
+    monkeypatch.setattr(pose_map, "refuse_bad_map", judge)
+    world = World(tmp_path, a_board(("A", 10_000.0, 5_000.0)), {}).teach()
+    await run(world, PROCEDURES["calibrate"], {"op": "calibrate", "what": "map", "test_point": "A"})
+    (thread,) = judged_in
+    assert thread != threading.get_ident()

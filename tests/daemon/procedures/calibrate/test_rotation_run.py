@@ -279,6 +279,28 @@ async def test_a_landing_is_where_the_tip_came_to_be_from_the_print(world: World
     assert ran.progress[-1][2] == "landing at 230.0 deg"
 
 
+async def test_a_landing_that_is_seen_from_beside_is_where_it_would_have_been(world: World) -> None:
+    """The needle hid the print: the step aside is no error of the head."""
+    run, ran = _run(world, spare=2)
+    await _measure(run, ran)
+    before = len(world.gantry.moves)
+    world.station.always = lambda look: _unseen(look) if len(world.gantry.moves) == before + 1 else look
+    true = world.config.head
+    other = CircleHead(true.radius_um + 30.0, true.phase_deg)
+    (one,) = await run.land(other, world.cross_um, [30.0])
+    await ran.job.settle()
+    off = world.true_head.tip_offset_um(30.0) - other.tip_offset_um(30.0)
+    assert len(world.gantry.moves) == before + 2
+    assert (one.dx_um, one.dy_um) == pytest.approx(tuple(off), abs=0.05)
+
+
+async def test_a_stop_that_is_seen_from_beside_is_no_farther_off_for_that(world: World) -> None:
+    run, ran = _run(world)
+    world.station.always = lambda look: _unseen(look) if len(world.gantry.moves) == 3 else look
+    await _measure(run, ran)
+    assert [s.off_um for s in run.measured.stops] == pytest.approx([0.0] * len(ANGLES), abs=0.05)
+
+
 async def test_a_landing_that_is_not_seen_is_left_out(world: World) -> None:
     run, ran = _run(world)
     await _measure(run, ran)
@@ -320,6 +342,24 @@ async def test_an_interrupted_run_goes_on_where_it_ended(world: World) -> None:
     assert run.measured.stops[:3] == before.measured.stops
     assert [s.theta_deg for s in run.measured.stops] == ANGLES
     assert [round(to.theta_deg) for to, _ in world.gantry.moves] == [260, 320, 20, 80, 140]
+
+
+async def test_an_interrupted_run_knows_what_its_earlier_legs_took(world: World) -> None:
+    """So that its record and its page are of the whole run; a leg that began anew counts from there."""
+    await _interrupted(world, 3)
+    left = Partial.read(world.calibrations.folder)
+    assert left is not None
+    assert (left.spent.legs, left.spent.looks >= 3, left.spent.seconds > 0.0) == (1, True, True)
+    run, ran = _run(world)
+    await _measure(run, ran, resume=True)
+    assert run.earlier == left.spent
+    both = Partial.read(world.calibrations.folder)
+    assert both is not None
+    assert both.spent.legs == 2
+    assert both.spent.looks >= left.spent.looks + 3
+    anew, ran = _run(world)
+    await _measure(anew, ran, resume=False)
+    assert anew.earlier.legs == 0
 
 
 async def test_what_was_learned_of_the_print_is_taken_over(world: World) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -113,6 +115,18 @@ def test_a_map_that_was_stretched_drifts_in_proportion_to_the_distance() -> None
     radius = Mapped.of(map_record(noise_um=0.0, stretch=1.02)).pose_map.radius_um
     assert found.max_um == pytest.approx(0.02 * radius, rel=0.05)
     assert found.rms_um < found.max_um
+
+
+@pytest.mark.parametrize("wider", ["now", "before"])
+def test_maps_are_compared_where_both_were_fitted(wider: str) -> None:
+    """One that was made near the tip alone says nothing of what is far out: that is no drift."""
+    now, before = Mapped.of(map_record(noise_um=0.0, stretch=1.02)), Mapped.of(map_record(noise_um=0.0))
+    near_um = map_drift(now, before).max_um
+    if wider == "now":
+        now = replace(now, pose_map=replace(now.pose_map, radius_um=3_000.0))
+    else:
+        before = replace(before, pose_map=replace(before.pose_map, radius_um=3_000.0))
+    assert map_drift(now, before).max_um == pytest.approx(near_um, rel=0.05)
 
 
 def test_the_planes_slopes_are_those_it_was_made_with() -> None:

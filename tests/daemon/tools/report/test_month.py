@@ -12,7 +12,8 @@ import pytest
 
 from daemon.storage.journal import Journal
 from daemon.tools.report.month import main, month_span
-from daemon.tools.report.month_facts import read_month
+from daemon.tools.report.month_facts import Month, read_month
+from daemon.tools.report.month_page import verdict
 from tests.bench.maintenance.model import StationModel
 from tests.bench.maintenance.wrong import Wrong
 
@@ -24,7 +25,7 @@ def _add_alerts(path: Path, rows: list[tuple[int, str, str]]) -> None:
         db.executemany("INSERT INTO alerts VALUES (?, ?, ?)", rows)
 
 
-async def _journal(path: Path, touches: int = 700) -> None:
+async def keep_a_month(path: Path, touches: int = 700) -> None:
     journal = await Journal.open(path)
     station = StationModel(3)
     while station.touches < touches:
@@ -44,7 +45,7 @@ async def _journal(path: Path, touches: int = 700) -> None:
 
 
 async def test_facts_are_of_that_month_only(tmp_path: Path) -> None:
-    await _journal(tmp_path / "j.sqlite", 600)
+    await keep_a_month(tmp_path / "j.sqlite", 600)
     month = read_month(tmp_path / "j.sqlite", "s", *NOVEMBER)
     assert month.touches == 600
     assert month.still_standing == ("light_white",)
@@ -59,7 +60,7 @@ async def test_facts_are_of_that_month_only(tmp_path: Path) -> None:
 async def test_the_page_says_what_stood_and_escapes_what_people_wrote(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    await _journal(tmp_path / "j.sqlite")
+    await keep_a_month(tmp_path / "j.sqlite")
     page = tmp_path / "out" / "page.html"
     arguments = ["--journal", str(tmp_path / "j.sqlite"), "--station", "s", "--month", "2026-11", "-o", str(page)]
     assert main(arguments) == 0
@@ -111,3 +112,16 @@ async def test_what_was_told_before_a_clock_was_set_back_hides_nothing(tmp_path:
     month = read_month(tmp_path / "j.sqlite", "s", *NOVEMBER)
     assert [line.name for line in month.alerts] == ["alert 2"]
     assert month.still_standing == ("alert 2",)
+
+
+def test_a_month_in_which_much_failed_is_not_called_healthy() -> None:
+    def month(jobs: int, **failures: int) -> Month:
+        return Month("s", *NOVEMBER, touches=0, jobs=jobs, failures=failures, courses={}, alerts=(), still_standing=())
+
+    assert verdict(month(34)).good
+    bad = verdict(month(34, frame_unusable=16))
+    assert not bad.good
+    assert "16 of 34 jobs failed, 16 of them at the station's own work" in bad.because
+    asked_wrongly = verdict(month(34, cancelled=9, not_at_test_point=7))
+    assert asked_wrongly.good
+    assert "16 of 34 jobs failed, 0 of them" in asked_wrongly.because

@@ -126,6 +126,25 @@ def test_a_page_is_one_well_formed_file_that_fetches_nothing_and_runs_nothing(ki
 
 
 @pytest.mark.parametrize("kind", MAKERS)
+def test_a_page_fits_a_telephone_and_has_a_dark_side(kind: str) -> None:
+    """A row of figures becomes two lines there; what a column was called stands before its value."""
+    text = _compared(kind)
+    tags = _parsed(text)
+    assert ("name", "viewport") in tags.attributes
+    assert tags.tags.count("table") == [value for name, value in tags.attributes if name == "class"].count("cards")
+    assert {"before", "change"} <= {value for name, value in tags.attributes if name == "data-is"}
+    assert "prefers-color-scheme: dark" in text
+    assert "max-width: 46rem" in text
+
+
+def test_a_rotation_in_legs_says_so() -> None:
+    """Looks and time are then of more than the last job."""
+    record = rotation_record()
+    assert "gone on with" not in render(make_page(record))
+    assert "gone on with" in render(make_page(record.model_copy(update={"legs": 2})))
+
+
+@pytest.mark.parametrize("kind", MAKERS)
 def test_no_two_things_on_a_page_share_an_id(kind: str) -> None:
     tags = _parsed(_compared(kind))
     ids = [value for name, value in tags.attributes if name == "id"]
@@ -177,7 +196,8 @@ def test_the_figures_of_a_rotation_are_those_of_its_record() -> None:
     assert table["hold-out error, largest"] == f"{record.holdout_max_um:.1f}"
     assert table["left by the model, rms"] == f"{record.rms_um:.1f}"
     assert table["circle: radius"] == f"{record.circle.radius_um:.1f}"
-    assert table["total error (eq. 6.8)"] == "541.7"
+    together = float(table["the model in force before: off at these stops, rms (thesis eq. 6.8)"])
+    assert together == pytest.approx(541.7 / len(record.before) ** 0.5, abs=0.06)
     assert table["closure: first angle again at the end"] == "6.3"
     after = [float(np.hypot(landing.dx_um, landing.dy_um)) for landing in record.after]
     assert table["landings after: largest"] == f"{max(after):.1f}"

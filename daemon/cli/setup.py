@@ -1,0 +1,132 @@
+"""`reprobe setup`: guided set-up on a terminal, from nothing to a calibrated station; it may be interrupted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from daemon.cli import setup_file_steps as file_steps
+from daemon.cli import setup_station_steps as station_steps
+from daemon.cli.interruption import taken_as_ctrl_c
+from daemon.cli.output import fail
+from daemon.cli.setup_dialogue import Dialogue, Quit, StepFailed
+from daemon.cli.setup_file_steps import Setup
+from daemon.cli.setup_station_steps import Daemon
+from daemon.platform.logs import set_up
+from daemon.tools.setup import Notes
+
+app = typer.Typer()
+STATION = Path("/etc/reprobe/station.toml")
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step; `moves` says what of the station it will move, None: nothing."""
+
+    name: str
+    title: str
+    moves: str | None
+    of_file: Callable[[Setup], None] | None = None
+    of_station: Callable[[Setup, Daemon], Any] | None = None
+
+
+_LOOKS = "the head, at working height over the board, to many places; lamps flash"
+STEPS = (
+    Step("name", "Name and folder", None, file_steps.name_it),
+    Step("drives", "Drives and relay on the line", None, file_steps.find_drives),
+    Step("mechanics", "Travel, scale and heights", None, file_steps.mechanics),
+    Step("camera", "Camera", None, file_steps.camera),
+    Step("board", "Board", None, file_steps.board),
+    Step("sockets", "Sockets", None, file_steps.sockets),
+    Step("check", "Check of the whole file", None, file_steps.check),
+    Step("start", "Start of the daemon", None, of_station=station_steps.start),
+    Step("home", "Homing", "Z up to its switch first, then X, Y and the head's angle to theirs, slowly.",
+         of_station=station_steps.home),
+    Step("directions", "Directions and scale",
+         "the head beside the board, down to working height; then 5 mm in X, 5 mm in Y, 10 degrees, and Z up.",
+         of_station=station_steps.directions),
+    Step("lamps", "Lamps", None, of_station=station_steps.lamps),
+    Step("tip", "Teaching the needle's end", "the head beside the board, down to working height.",
+         of_station=station_steps.tip),
+    Step("map", "Map from picture to robot", "the head over the printed cross, a few mm about it; lamps flash.",
+         of_station=station_steps.calibrate("map")),
+    Step("rotation", "Rotation of the head", "the head over the printed cross, to 32 angles; takes minutes.",
+         of_station=station_steps.calibrate("rotation")),
+    Step("align", "Alignment: lay the board into its nest first", f"{_LOOKS}.",
+         of_station=station_steps.calibrate("align")),
+    Step("surface", "Surface of the board", "the head over a dozen test points; THE NEEDLE TOUCHES each of them.",
+         of_station=station_steps.calibrate("surface")),
+    Step("backlash", "Play of X and Y", "the head over the printed cross, back and forth by a few mm.",
+         of_station=station_steps.calibrate("backlash")),
+)  # fmt: skip
+
+
+@app.command()
+def setup(
+    config: Annotated[
+        Path, typer.Option("--config", "-c", help="The station.toml to write.", envvar="REPROBE_CONFIG")
+    ] = STATION,
+    anew: Annotated[bool, typer.Option("--anew", help="Do all steps again; the answers are offered.")] = False,
+    only: Annotated[str | None, typer.Option("--only", help="Do this step alone: name, drives, lamps, tip ...")] = None,
+) -> None:
+    """Set a station up step by step: find what is plugged in, check directions and scale, teach, calibrate.
+
+    Before each step it says what will move. Interrupted, it goes on where it was when it is called again.
+    """
+    steps = [step for step in STEPS if only in (None, step.name)]
+    if not steps:
+        fail(f"there is no step {only!r}", advice=f"one of {', '.join(step.name for step in STEPS)}", code=2)
+    if not config.name or config.is_dir():
+        fail(f"{config} is a folder", advice="name the file to write: -c /etc/reprobe/station.toml", code=2)
+    set_up(as_json=False, level=50)
+    notes = Notes(config.with_suffix(".setup.json"))
+    if anew:
+        notes.forget()
+    guided = Setup(config, Dialogue(notes))
+    daemon = Daemon(guided)
+    skipped: list[str] = []
+    try:
+        with taken_as_ctrl_c():
+            for number, step in enumerate(steps, 1):
+                if step.name in notes.done and only is None:
+                    guided.dialogue.say(f"== {number} of {len(steps)}: {step.title}: done before")
+                elif not _do(step, f"{number} of {len(steps)}: {step.title}", guided, daemon):
+                    skipped.append(step.name)
+    except (Quit, KeyboardInterrupt):
+        guided.dialogue.say(f"\nEnded here. `reprobe setup -c {config}` goes on where this was.")
+        raise typer.Exit(1) from None
+    finally:
+        daemon.end()
+    _farewell(guided, skipped)
+
+
+def _do(step: Step, title: str, guided: Setup, daemon: Daemon) -> bool:
+    """Do one step, again as long as the person wants; return whether it is done."""
+    choice = guided.dialogue.before(title, step.moves)
+    while choice == "go":
+        try:
+            if step.of_file is not None:
+                step.of_file(guided)
+            if step.of_station is not None:
+                step.of_station(guided, daemon)
+            guided.dialogue.notes.note_done(step.name)
+            return True
+        except StepFailed as failure:
+            choice = guided.dialogue.after_failure(failure)
+    if choice == "quit":
+        raise Quit
+    guided.dialogue.say("Skipped.")
+    return False
+
+
+def _farewell(guided: Setup, skipped: list[str]) -> None:
+    say = guided.dialogue.say
+    if skipped:
+        say(f"\nSkipped: {', '.join(skipped)}. `reprobe setup -c {guided.file} --only NAME` does one of them.")
+    say(f"\nThe station is set up in {guided.file}. Start its daemon, then:")
+    for step in ("reprobe home", "reprobe align        for each board that is put in", "reprobe place TP7"):
+        say(f"  {step}")

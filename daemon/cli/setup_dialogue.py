@@ -1,0 +1,129 @@
+"""Dialogue of the guided set-up: questions with the answers of the last time, and a word before anything moves."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from typing import Literal, TypeVar
+
+from daemon.cli.output import out
+from daemon.tools.setup import Notes
+
+T = TypeVar("T")
+Choice = Literal["go", "skip", "quit"]
+
+
+class Quit(Exception):
+    """The person ends the set-up here; it can go on later."""
+
+
+class StepFailed(Exception):
+    """A step could not be done; `advice` says what to do before it is tried again."""
+
+    def __init__(self, message: str, advice: str) -> None:
+        super().__init__(message)
+        self.advice = advice
+
+
+class Dialogue:
+    """Ask and tell on a terminal, or by lines of a pipe."""
+
+    def __init__(self, notes: Notes) -> None:
+        self.notes = notes
+
+    def say(self, text: str) -> None:
+        """Print a text as it is."""
+        out.print(text, markup=False, highlight=False, soft_wrap=True)
+
+    def ask(self, key: str, question: str, default: str, check: Callable[[str], T]) -> T:
+        """Ask until `check` takes the answer (else it raises ValueError); offer what was answered the last time."""
+        offered = self.notes.answer(key) or default
+        while True:
+            said = self._line(f"{question} [{offered}] > ") or offered
+            try:
+                value = check(said)
+            except ValueError as exc:
+                self.say(f"  {exc}")
+                continue
+            self.notes.note_answer(key, said)
+            return value
+
+    def choose(self, key: str, question: str, offered: Sequence[str]) -> str:
+        """Let one of a list be chosen by its number, or another be typed."""
+        for number, one in enumerate(offered, 1):
+            self.say(f"  {number}: {one}")
+
+        def chosen(said: str) -> str:
+            if said.isdecimal() and 1 <= int(said) <= len(offered):
+                return offered[int(said) - 1]
+            if not said.strip():
+                raise ValueError("name one, or plug it in and begin again")
+            return said.strip()
+
+        return self.ask(key, question, offered[0] if offered else "", chosen)
+
+    def ready(self, what: str) -> None:
+        """Say what moves next, and wait for Enter."""
+        self.say(what)
+        if self._line("Enter: move, q: end here > ").lower() == "q":
+            raise Quit
+
+    def yes(self, question: str, *, default: bool = True) -> bool:
+        """Ask for yes or no."""
+        while True:
+            said = self._line(f"{question} [{'Y/n' if default else 'y/N'}] > ").lower()
+            if said in ("", "y", "yes", "n", "no"):
+                return default if not said else said[0] == "y"
+            self.say("  answer y or n")
+
+    def before(self, title: str, moves: str | None) -> Choice:
+        """Say what a step is and what it moves, and ask where something moves."""
+        self.say(f"\n== {title}")
+        if moves is None:
+            self.say("Nothing moves.")
+            return "go"
+        self.say(f"THIS MOVES: {moves}")
+        self.say("Keep the emergency stop at hand; Ctrl-C stops the head.")
+        return self._choice("Enter: go on, s: skip this step, q: end here", "go")
+
+    def after_failure(self, failure: StepFailed) -> Choice:
+        """Tell why a step failed, and ask what now; `go` tries it again."""
+        self.say(f"This did not work: {failure}")
+        self.say(f"  -> {failure.advice}")
+        return self._choice("Enter: try again, s: skip this step, q: end here", "go")
+
+    def _choice(self, question: str, default: Choice) -> Choice:
+        answers: dict[str, Choice] = {"": default, "s": "skip", "q": "quit"}
+        while (said := self._line(f"{question} > ").lower()) not in answers:
+            self.say("  press Enter, s or q")
+        return answers[said]
+
+    def _line(self, question: str) -> str:
+        out.print(question, markup=False, highlight=False, end="", soft_wrap=True)
+        sys.stdout.flush()
+        line = sys.stdin.readline()
+        if not line:
+            raise Quit
+        return line.strip()
+
+
+def number(low: float, high: float, unit: str) -> Callable[[str], float]:
+    """Return a check for a number within limits."""
+
+    def check(said: str) -> float:
+        try:
+            value = float(said)
+        except ValueError:
+            raise ValueError(f"{said!r} is no number; write it alone, with a point, in {unit}") from None
+        if not low <= value <= high:
+            raise ValueError(f"{value:g} {unit} is not between {low:g} and {high:g}")
+        return value
+
+    return check
+
+
+def text(said: str) -> str:
+    """Take any text that is not empty."""
+    if not said.strip():
+        raise ValueError("this may not be empty")
+    return said.strip()

@@ -1,0 +1,219 @@
+"""Steps of the guided set-up that write the configuration: what is plugged in, the mechanics, the board. None moves."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from daemon.cli.setup_dialogue import Dialogue, StepFailed, number, text
+from daemon.config.model import BusSection, ConfigError, load_config, unlikely
+from daemon.config.problems import told
+from daemon.domain.board import Board
+from daemon.platform.atomic_file import replace_whole
+from daemon.tools.board_import import Options, import_board
+from daemon.tools.setup import (
+    cameras,
+    increments_per_unit,
+    read_value,
+    serial_ports,
+    who_answers,
+    with_values,
+)
+from daemon.tools.setup.edit import Value, example
+from drivers.errors import DeviceError
+
+AXES = ("x", "y", "z", "theta")
+HOMING = "17: negative limit, 18: positive limit, 19: home switch, positive side, 21: home switch, negative side"
+
+
+@dataclass
+class Setup:
+    """A set-up under way: the file it writes, and the dialogue."""
+
+    file: Path
+    dialogue: Dialogue
+
+    def text(self) -> str:
+        """Return the configuration as it is so far; a new one begins as the example."""
+        return self.file.read_text(encoding="utf-8-sig") if self.file.exists() else example()
+
+    def write(self, values: dict[str, Value]) -> None:
+        """Put values into the file; everything else in it stays."""
+        try:
+            content = with_values(self.text(), values)
+        except ValueError as exc:
+            raise StepFailed(str(exc), f"edit {self.file}, then try again") from exc
+
+        def put(path: Path) -> None:
+            path.write_text(content, encoding="utf-8")
+            path.chmod(0o644)
+
+        replace_whole(self.file, put)
+
+    def ask_number(self, path: str, question: str, unit: str, low: float, high: float, scale: float = 1.0) -> float:
+        """Ask for a value of the file in a unit that people use; return it in the file's, which is `scale` times it."""
+        now = float(read_value(self.text(), path) or 0.0) / scale
+        return self.dialogue.ask(path, f"{question}, {unit}", f"{now:g}", number(low, high, unit)) * scale
+
+
+def name_it(setup: Setup) -> None:
+    """Ask for name and data folder."""
+    name = setup.dialogue.ask("station.name", "Name of this station", "station-1", text)
+    where = "/var/lib/reprobe" if setup.file.is_absolute() and setup.file.is_relative_to("/etc") else "station"
+    folder = setup.dialogue.ask("station.data_dir", "Folder of journal, calibrations and pictures", where, text)
+    setup.write({"station.name": name, "station.data_dir": folder})
+
+
+def find_drives(setup: Setup) -> None:
+    """Find port, speed, parity and addresses of drives and relay board by asking; nothing is set."""
+    dialogue = setup.dialogue
+    port = dialogue.choose("bus.main.port", "Port of the drives (a number, or a path)", serial_ports())
+    gateway = port.count(":") == 1 and not port.startswith("/")
+    port = port if gateway else _device(port)
+    host, _, tcp_port = port.partition(":")
+    section = BusSection(host=host, tcp_port=int(tcp_port)) if gateway else BusSection(port=port)
+    dialogue.say("Asking every address at every speed and parity; that takes up to a minute, and only reads ...")
+    try:
+        found = asyncio.run(who_answers(section))
+    except DeviceError as failure:
+        raise StepFailed(str(failure), failure.advice) from failure
+    if found is None:
+        raise StepFailed("nobody answers there", "check power, the two wires (try them swapped) and termination")
+    drives, others = ", ".join(map(str, found.drives)), ", ".join(map(str, found.others)) or "none"
+    dialogue.say(f"At {found.baudrate} baud, parity {found.parity}: drives {drives or 'none'}; no drives: {others}")
+    if len(found.drives) < len(AXES):
+        raise StepFailed(
+            f"{len(found.drives)} drives answer, and a station has {len(AXES)}",
+            "give each drive an address of its own (object 2028h), and see that all have power",
+        )
+    values: dict[str, Value] = {"bus.main.baudrate": found.baudrate, "bus.main.parity": found.parity}
+    if gateway:
+        values = {"bus.main.host": host, "bus.main.tcp_port": int(tcp_port), "bus.main.port": None}
+    else:
+        values |= {"bus.main.port": port, "bus.main.host": None}
+    for axis, address in zip(AXES, found.drives, strict=False):
+        values[f"axes.{axis}.address"] = dialogue.ask(
+            f"axes.{axis}.address", f"Address of the drive of {axis}", str(address), _one_of(found.drives)
+        )
+    relay = str(found.others[0]) if found.others else "5"
+    values["lights.address"] = dialogue.ask("lights.address", "Address of the lamps' relay board", relay, _address)
+    setup.write(values)
+
+
+def _device(given: str) -> str:
+    """Return a device's path as it is from anywhere; raise `StepFailed` if there is none."""
+    if not given or not Path(given).exists():
+        raise StepFailed(f"there is no device {given!r}", "plug it in, or see `ls /dev/serial/by-id /dev/video*`")
+    return str(Path(given).absolute())
+
+
+def _one_of(addresses: tuple[int, ...]) -> Callable[[str], int]:
+    def check(said: str) -> int:
+        if not (said.isdecimal() and int(said) in addresses):
+            raise ValueError(f"choose one of {', '.join(map(str, addresses))}")
+        return int(said)
+
+    return check
+
+
+def _address(said: str) -> int:
+    return int(number(1, 255, "(an address)")(said))
+
+
+def mechanics(setup: Setup) -> None:
+    """Ask for travel, lead and switches of each axis, and for heights."""
+    values: dict[str, Value] = {}
+    for axis in AXES:
+        unit, scale, most = ("degrees", 1.0, 1000.0) if axis == "theta" else ("mm", 1000.0, 5000.0)
+        setup.dialogue.say(f"Axis {axis}:")
+        now = increments_per_unit(1.0) / float(read_value(setup.text(), f"axes.{axis}.increments_per_unit")) / scale
+        turn = setup.dialogue.ask(
+            f"axes.{axis}.turn", f"  travel with one turn of the motor, {unit}", f"{now:.6g}", number(0.01, 1000, unit)
+        )
+        values[f"axes.{axis}.increments_per_unit"] = increments_per_unit(turn * scale)
+        for key, what in (("minimum", "lowest coordinate"), ("maximum", "highest coordinate"),
+                          ("homing_position", "coordinate of the homing switch")):  # fmt: skip
+            values[f"axes.{axis}.{key}"] = setup.ask_number(f"axes.{axis}.{key}", f"  {what}", unit, -most, most, scale)
+        method = setup.ask_number(f"axes.{axis}.homing_method", f"  homing method ({HOMING})", "(a number)", -128, 127)
+        values[f"axes.{axis}.homing_method"] = int(method)
+    setup.dialogue.say("Heights of the needle's end, and the head:")
+    for path, what in (("gantry.safe_z_um", "free of every part"), ("gantry.work_z_um", "where it looks from"),
+                       ("gantry.touch_z_um", "where it just touches the bare board")):  # fmt: skip
+        values[path] = setup.ask_number(path, f"  height {what}", "mm", -100, 1000, 1000.0)
+    values["head.radius_um"] = setup.ask_number(
+        "head.radius_um", "  distance of the needle from the head's axis of rotation", "mm", 0.001, 500, 1000.0
+    )
+    values["head.phase_deg"] = setup.ask_number(
+        "head.phase_deg", "  its direction at head angle 0", "degrees", -360, 360
+    )
+    for axis in ("x", "y"):
+        path = f"control_point.{axis}_um"
+        values[path] = setup.ask_number(path, f"  {axis.upper()} of the printed cross", "mm", -5000, 5000, 1000.0)
+    setup.write(values)
+
+
+def camera(setup: Setup) -> None:
+    """Choose the camera: a device, or a ZeroMQ frame server."""
+    chosen = setup.dialogue.choose("camera", "Camera (a number, a path, or the endpoint of a frame server)", cameras())
+    if chosen.startswith(("ipc://", "tcp://")):
+        setup.write({"camera.kind": "stream", "camera.endpoint": chosen, "camera.device": None})
+    else:
+        setup.write({"camera.kind": "v4l2", "camera.device": _device(chosen), "camera.endpoint": None})
+
+
+def board(setup: Setup) -> None:
+    """Take a board file, or make one of CAD; ask where the board lies."""
+    said = setup.dialogue.ask("board", "Board file, or folder of its CAD", "board.json", text)
+    source = setup.file.parent / said
+    if not source.exists() and Path(said).exists():  # as it is seen from where the command was typed
+        source = Path(said).absolute()
+        said = str(source)
+    try:
+        if source.is_dir() or source.suffix == ".zip":
+            target = setup.file.parent / "board.json"
+            side = setup.dialogue.ask("board.side", "Side that is probed (top or bottom)", "top", _side)
+            bare = setup.dialogue.yes("Is the board bare, without parts?", default=False)
+            import_board(source, side, Options(bare=bare)).save(target)  # type: ignore[arg-type]
+            said = target.name
+        loaded = Board.load(setup.file.parent / said)
+    except (ValueError, OSError) as exc:
+        raise StepFailed(str(exc), "see `reprobe board --help` for what a board is made of") from exc
+    setup.dialogue.say(f"Board {loaded.name}, {loaded.side}: {len(loaded.test_points())} test points")
+    values: dict[str, Value] = {"board.file": said}
+    for axis in ("x", "y"):
+        path = f"board.origin_{axis}_um"
+        question = f"{axis.upper()} of the board's lower left corner"
+        values[path] = setup.ask_number(path, question, "mm", -5000, 5000, 1000.0)
+    setup.write(values)
+
+
+def _side(said: str) -> str:
+    if said not in ("top", "bottom"):
+        raise ValueError("answer top or bottom")
+    return said
+
+
+def sockets(setup: Setup) -> None:
+    """Ask where testers reach the daemon."""
+    values: dict[str, Value] = {}
+    for key, default in (("control", "tcp://127.0.0.1:5555"), ("events", "tcp://127.0.0.1:5556")):
+        now = read_value(setup.text(), f"api.{key}") or default
+        values[f"api.{key}"] = setup.dialogue.ask(f"api.{key}", f"Socket of {key}", str(now), text)
+    setup.write(values)
+
+
+def check(setup: Setup) -> None:
+    """Check the whole file, as `reprobe check-config` does."""
+    try:
+        load_config(setup.file)
+    except ConfigError as exc:
+        listed = "\n".join(f"  {problem}" for problem in told(exc.problems, exc.lines))
+        raise StepFailed(
+            f"{setup.file} has mistakes:\n{listed}", f"correct them in {setup.file}, then try again"
+        ) from exc
+    odd = unlikely(setup.file)
+    for note in told(odd.notes, odd.lines):
+        setup.dialogue.say(f"  warning: {note}")
+    setup.dialogue.say(f"{setup.file}: good")

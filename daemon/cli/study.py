@@ -1,0 +1,145 @@
+"""`reprobe study` and `reprobe calibrate page`, `calibrate certificate`: pages about how well a station measures."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from pydantic import ValidationError
+
+from daemon.cli.config_file import ConfigFile, load
+from daemon.cli.output import (
+    DEFAULT_ENDPOINT,
+    FAILED,
+    USAGE,
+    AsJson,
+    Endpoint,
+    answered,
+    err,
+    fail,
+    out,
+    say_json,
+)
+from daemon.client import Client
+from daemon.domain.board import Board
+from daemon.platform.clock import utc_now
+from daemon.platform.plain_file import read_small
+from daemon.platform.subprocess import draw
+from daemon.station.conditions import conditions_of
+from daemon.storage.calibration_store import Calibrations
+
+app = typer.Typer()
+PAGE_WITHIN_S = 120.0
+AWAY_UM = 3000.0
+"""The head leaves the point by so much before each landing."""
+
+
+@app.command()
+def study(
+    test_point: Annotated[str | None, typer.Argument(help="Name of the test point that is landed on.")] = None,
+    times: Annotated[int, typer.Option(min=10, max=1000, help="How many landings.")] = 50,
+    tolerance_um: Annotated[float, typer.Option(min=1.0, help="Tolerance T: the whole width that is allowed.")] = 100.0,
+    output: Annotated[Path, typer.Option("--output", "-o", help="The page; the numbers go beside it.")] = Path(
+        "study.html"
+    ),
+    redraw: Annotated[Path | None, typer.Option("--redraw", help="Draw the page again from these numbers.")] = None,
+    endpoint: Endpoint = DEFAULT_ENDPOINT,
+    as_json: AsJson = False,
+) -> None:
+    """Study how well the station lands: leave the point, land on it again and look, many times; Cg, Cgk and plots.
+
+    This moves the head over the point and away, at the height of looks; nothing is touched.
+    """
+    from daemon.tools.report.command import own_settings  # noqa: PLC0415  # brings matplotlib
+
+    if (redraw is None) == (test_point is None):
+        fail("name either a test point or --redraw FILE", advice="reprobe study TP7 --times 50", code=USAGE)
+    with own_settings():
+        from daemon.tools.report.study import Study, capability, write_study  # noqa: PLC0415  # brings matplotlib
+
+        try:
+            made = (
+                Study.model_validate_json(read_small(redraw))
+                if redraw is not None
+                else Study(**_landings(endpoint, str(test_point), times, tolerance_um))
+            )
+        except ValidationError as exc:
+            fail(f"{redraw} has no numbers of a study: {exc.errors()[0]['msg']}", code=USAGE)
+        write_study(made, output)
+        both = (("x", made.dx_um), ("y", made.dy_um))
+        found = {axis: capability(values, made.tolerance_um) for axis, values in both}
+    if as_json:
+        say_json({"page": str(output), **{axis: vars(one) for axis, one in found.items()}})
+        return
+    for axis, one in found.items():
+        out.print(
+            f"{axis.upper()}: bias {one.mean_um:+.1f} um, s {one.sd_um:.1f} um, Cg {one.cg:.2f}, Cgk {one.cgk:.2f}",
+            highlight=False,
+        )
+    out.print(f"written to {output}", highlight=False, markup=False, soft_wrap=True)
+
+
+def _landings(endpoint: str, test_point: str, times: int, tolerance_um: float) -> dict[str, Any]:
+    """Land again and again; return what the looks measured."""
+    dx_um, dy_um = [], []
+    with answered(), Client(endpoint) as client:
+        described = client.request("describe")
+        points = {one["name"]: one for one in described["board"]["test_points"]}
+        if test_point not in points:
+            fail(f"the board has no test point {test_point}", advice="`reprobe describe` lists them", code=USAGE)
+        away_um = [points[test_point]["x_um"] + AWAY_UM, points[test_point]["y_um"]]
+        for number in range(1, times + 1):
+            err.print(f"landing {number} of {times}", highlight=False)
+            looked: dict[str, Any] = {}
+            there = {"test_point": test_point}
+            for op, fields in (("place", {"board_um": away_um}), ("place", there), ("correct", there), ("look", there)):
+                result = client.job(op, **fields)
+                if result.error is not None:
+                    fail(f"landing {number}, {op}: {result.error.message}", advice=result.error.advice)
+                looked = result.detail
+            dx_um.append(-float(looked["dx_um"]))
+            dy_um.append(-float(looked["dy_um"]))
+    said = {"station": described["station"], "test_point": test_point, "made_at": utc_now()}
+    return {**said, "tolerance_um": tolerance_um, "dx_um": dx_um, "dy_um": dy_um}
+
+
+def page(
+    what: Annotated[str, typer.Argument(help="map, rotation, surface, backlash, alignment, or a record's file.")],
+    config: ConfigFile,
+    output: Annotated[Path, typer.Option("--output", "-o", help="The page to write.")],
+    previous: Annotated[Path | None, typer.Option(help="Record to compare with; the one before by default.")] = None,
+) -> None:
+    """Draw the page of a calibration again, the present one's or any record's of the history."""
+    folder = load(config).station.data_dir / "calibration"
+    record = folder / f"{what}.json"
+    kept = sorted((folder / "history").glob(f"{what}-*.json"))
+    before = previous or (kept[-1] if record.exists() and kept else None)
+    if not record.exists():
+        record = Path(what)
+    if not record.is_file():
+        fail(f"there is no calibration {what!r} in {folder}", advice="see its files, and history/ below", code=USAGE)
+    arguments = [str(record), "-o", str(output), *(["--previous", str(before)] if before is not None else [])]
+    code, words = asyncio.run(draw("daemon.tools.report", arguments, PAGE_WITHIN_S))
+    if code:
+        fail(words or f"the page was not drawn (status {code})", code=USAGE if code == USAGE else FAILED)
+    out.print(f"written to {output}", highlight=False, markup=False, soft_wrap=True)
+
+
+def certificate(
+    config: ConfigFile,
+    output: Annotated[Path, typer.Option("--output", "-o", help="The page to write.")] = Path("certificate.html"),
+) -> None:
+    """Write the calibration certificate: what, when, with which reference, error budget, valid until. No daemon."""
+    from daemon.tools.report.certificate import write_certificate  # noqa: PLC0415  # brings matplotlib
+
+    loaded = load(config)
+    calibrations = Calibrations(loaded.station.data_dir / "calibration", loaded.station.name)
+    calibrations.load()
+    try:
+        calibrations.fit_to(conditions_of(loaded, Board.load(loaded.board.file)))
+    except ValueError as exc:
+        fail(str(exc), code=USAGE)
+    write_certificate(loaded, calibrations.in_force, output)
+    out.print(f"written to {output}", highlight=False, markup=False, soft_wrap=True)

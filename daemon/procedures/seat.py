@@ -1,0 +1,214 @@
+"""The seat: looks at places that are found once on the board settle which board lies there, which side up, and how.
+
+No single look can tell a corner from its like on the other side, or a pitch off in a long row. Places whose
+surroundings are nowhere else can, and three of them give the pose and the scale as well: this is the alignment.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from daemon.domain.board import BoardPoint, SeatPlace
+from daemon.domain.errors import Fault, FaultCode
+from daemon.jobs.context import StationContext
+from daemon.procedures.aiming import require_tip
+from daemon.procedures.look_numbers import describe
+from daemon.procedures.move_sequence import MoveSequence, shifted
+from daemon.procedures.registered import board_search, look_by_cad
+from daemon.procedures.registration_faults import board_away, refusal_fault
+from daemon.storage.calibration_records import Seat, SeatLook
+from drivers.errors import EnvelopeViolation
+from drivers.gantry import Position
+from vision.geometry import Array, PoseMap
+from vision.registration import UNIQUE_SCORE, LayerFit, NotRegistered, Registration, median_shifts
+
+LEAST_PLACES, MOST_PLACES = 3, 4
+LEAST_UNIQUE = 2
+MOST_TRIES = 2
+"""So many places may fail (dirt, a label, a part that CAD does not know) before the alignment does."""
+ANOTHER_MAY_DO = frozenset(
+    {FaultCode.AMBIGUOUS, FaultCode.NOT_THIS_BOARD, FaultCode.TARGET_NOT_CONFIRMED, FaultCode.TIP_NOT_FOUND}
+)
+CONTRADICTED = frozenset({FaultCode.WRONG_SIDE, FaultCode.BOARD_TURNED})
+"""What one poor view may say by mistake where a place that is found once has been seen on this side already."""
+FROM_ASIDE = frozenset({FaultCode.TIP_NOT_FOUND, FaultCode.TARGET_NOT_CONFIRMED})
+"""What another ground behind the needle, or another view of the place, may cure."""
+ASIDE_UM = ((0.0, 0.0), (500.0, 400.0), (-500.0, -400.0))
+NAME = "seat"
+
+
+@dataclass
+class SeatViews:
+    """What was seen of the seat: by place, where it is in the robot frame from each angle; and each look's numbers."""
+
+    views: dict[str, list[Array]] = field(default_factory=dict)
+    looks: list[SeatLook] = field(default_factory=list)
+    layers: list[LayerFit] = field(default_factory=list)
+
+    def seat(self) -> Seat:
+        """Return the seat as the record keeps it."""
+        unique = {look.name for look in self.looks if look.rival <= UNIQUE_SCORE}
+        shifts = median_shifts(self.layers)
+        return Seat(
+            ink_um=_rounded(shifts.ink_um),
+            openings_um=_rounded(shifts.openings_um),
+            verified=len(unique) >= LEAST_UNIQUE,
+            places=len(self.views),
+            agreement=min(look.agreement for look in self.looks),
+            looks=tuple(self.looks),
+        )
+
+
+def _rounded(shift_um: tuple[float, float]) -> tuple[float, float]:
+    """To 0.1 um."""
+    return round(shift_um[0], 1), round(shift_um[1], 1)
+
+
+async def seat_points(context: StationContext, thetas_deg: tuple[float, ...]) -> list[BoardPoint]:
+    """Return the places to look at, in the order in which they are to be tried: unique, in reach, far apart.
+
+    Raises `Fault` where the board has too few of them.
+    """
+    places = await context.references.seat()
+    unique = [p for p in places if p.rival <= UNIQUE_SCORE]
+    near = [p for p in unique if all(_in_reach(context, p, theta) for theta in thetas_deg)]
+    if len(near) < LEAST_PLACES:
+        raise Fault(
+            FaultCode.INVALID_REQUEST,
+            f"of board {context.board.name} ({context.board.side}) {len(unique)} places are found once, and "
+            f"{len(near)} of them are in the camera's reach; {LEAST_PLACES} are needed",
+            advice="name three or more targets far apart as `fiducials`",
+        )
+    return [
+        BoardPoint(name=f"{NAME} {n}", kind="site", x_um=p.x_um, y_um=p.y_um, why_not="a place to look at")
+        for n, p in enumerate(_spread(near), start=1)
+    ]
+
+
+def _spread(places: list[SeatPlace]) -> list[SeatPlace]:
+    """Return the most unique place, then always the one farthest from those before it."""
+    order, rest = places[:1], places[1:]
+    while rest:
+        farthest = max(rest, key=lambda p: min(math.dist((p.x_um, p.y_um), (q.x_um, q.y_um)) for q in order))
+        order.append(farthest)
+        rest.remove(farthest)
+    return order
+
+
+def _in_reach(context: StationContext, place: SeatPlace, theta_deg: float) -> bool:
+    r, stop = context.servo.max_placement_um, seat_stop(context, (place.x_um, place.y_um), theta_deg)
+    try:
+        context.station.check(shifted(stop, -r, -r))
+        context.station.check(shifted(stop, r, r))
+    except EnvelopeViolation:
+        return False
+    return True
+
+
+def seat_stop(context: StationContext, place_um: tuple[float, float], theta_deg: float) -> Position:
+    """Return where to look from: where the configuration has the place, for the board may be another one.
+
+    So its height is not known either, and the needle stays free of any.
+    """
+    over = context.geometry.position_at(context.geometry.nominal_um(place_um), theta_deg)
+    return replace(over, z_um=max(context.gantry.work_z_um, context.gantry.free_z_um))
+
+
+async def see_seat(
+    sequence: MoveSequence, points: list[BoardPoint], thetas_deg: tuple[float, ...], pose_map: PoseMap, *, named: bool
+) -> SeatViews:
+    """Look at the places from each angle. `named`: the client chose targets, and all of them must be seen.
+
+    Raises `Fault` with the reason for which a place was not seen, by name.
+    """
+    seen, context, tries = SeatViews(), sequence.context, 0
+    wanted = len(points) if named else MOST_PLACES
+    accepted: list[BoardPoint] = []
+    for point in points:
+        if len(accepted) == wanted:
+            break
+        try:
+            await _look(sequence, seen, point, thetas_deg[0], pose_map, named=named)
+        except Fault as unseen:
+            tries += 1
+            left = len(points) - points.index(point) - 1
+            another = ANOTHER_MAY_DO | CONTRADICTED if accepted else ANOTHER_MAY_DO
+            if named or unseen.kind not in another or tries > MOST_TRIES or len(accepted) + left < LEAST_PLACES:
+                raise
+        else:
+            accepted.append(point)
+            sequence.job.progress(len(accepted), wanted * len(thetas_deg), f"looking at {point.name}")
+    for theta_deg in thetas_deg[1:]:
+        for point in accepted:
+            await _look(sequence, seen, point, theta_deg, pose_map, named=named)
+            sequence.job.progress(len(seen.looks), len(accepted) * len(thetas_deg), f"looking at {point.name}")
+    for point in accepted:
+        rival = await context.references.how_unique(point.place_um, alone=not named)
+        seen.looks = [
+            replace_rival(look, rival.rival_score) if look.name == point.name else look for look in seen.looks
+        ]
+    return seen
+
+
+def replace_rival(look: SeatLook, rival: float) -> SeatLook:
+    """Return a look with how near another place comes to being taken for it."""
+    return look.model_copy(update={"rival": round(rival, 3)})
+
+
+async def _look(
+    sequence: MoveSequence, seen: SeatViews, point: BoardPoint, theta_deg: float, pose_map: PoseMap, *, named: bool
+) -> None:
+    """Look at one place, from beside where needed, and note where it is."""
+    context = sequence.context
+    stop = seat_stop(context, point.place_um, theta_deg)
+    for dx_um, dy_um in ASIDE_UM:
+        try:
+            await _look_from(sequence, seen, point, shifted(stop, dx_um, dy_um), pose_map, named=named)
+            return
+        except Fault as unseen:
+            if unseen.kind not in FROM_ASIDE or (dx_um, dy_um) == ASIDE_UM[-1]:
+                raise
+
+
+async def _look_from(
+    sequence: MoveSequence, seen: SeatViews, point: BoardPoint, stop: Position, pose_map: PoseMap, *, named: bool
+) -> None:
+    job, context = sequence.job, sequence.context
+    position = await sequence.go(stop)
+    search = await board_search(context, position, point, pose_map, alone=not named, measure_layers=True)
+    look = await look_by_cad(job, context, position, context.calibrations.require_probe(), search)
+    job.note("look", describe(look, None, None) | {"seat_place": point.name})
+    tip = require_tip(look)
+    found = look.board.found if look.board is not None else None
+    if found is None or isinstance(found, NotRegistered):
+        raise _unseen(found, point, context)
+    if math.hypot(*found.shift_um) > context.servo.max_placement_um:
+        raise board_away(point, found.shift_um, "where it should")
+    from_tip = pose_map.from_tip_um(
+        found.target_px, (tip.x_px, tip.y_px), position.theta_deg, height_um=search.view.height_um
+    )
+    seen.views.setdefault(point.name, []).append(np.add(context.geometry.tip_um(position), from_tip))
+    if look.board is not None and look.board.layers is not None:
+        seen.layers.append(look.board.layers)
+    seen.looks.append(_numbers(point, stop.theta_deg, found))
+
+
+def _unseen(found: NotRegistered | None, point: BoardPoint, context: StationContext) -> Fault:
+    if found is None:
+        return Fault(FaultCode.NOT_THIS_BOARD, f"{point.name}: the pad was not looked for in the red picture")
+    return refusal_fault(found, point, context.board)
+
+
+def _numbers(point: BoardPoint, theta_deg: float, found: Registration) -> SeatLook:
+    return SeatLook(
+        name=point.name,
+        board_um=point.place_um,
+        theta_deg=theta_deg,
+        agreement=round(found.agreement, 3),
+        log_odds=round(found.log_odds, 1),
+        turn_deg=round(found.turn_deg, 4),
+        rival=1.0,
+    )

@@ -1,0 +1,146 @@
+"""The seat is verified by places that are found once on the board; what lies there instead is named."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from daemon.domain.board import SeatPlace
+from daemon.domain.errors import Fault, FaultCode
+from daemon.procedures.registry import PROCEDURES
+from daemon.station.board_view import BoardSearch
+from daemon.station.station import LookResult
+from daemon.storage.calibration_records import AlignmentRecord
+from tests.daemon.procedures.cad_board import cad_board, cad_pad
+from tests.daemon.procedures.fake_station import Ran, World, run
+from vision import NotFound, Reason
+from vision.geometry.frames import Rigid2
+from vision.registration import NotRegistered, Refusal
+
+SEAT = tuple(
+    SeatPlace(x_um=x, y_um=y, rival=0.5)
+    for x, y in (
+        (8_000.0, 8_000.0),
+        (32_000.0, 8_000.0),
+        (8_000.0, 22_000.0),
+        (32_000.0, 22_000.0),
+        (20_000.0, 15_000.0),
+    )
+)
+BOARD = cad_board(cad_pad("R1.1", 15_000.0, 12_000.0), cad_pad("R1.2", 30_000.0, 20_000.0),
+                  cad_pad("R2.1", 10_000.0, 22_000.0), seat=SEAT)  # fmt: skip
+
+
+@pytest.fixture
+def world(tmp_path: Path) -> World:
+    return World(tmp_path, BOARD, {}).teach().with_map()
+
+
+async def _align(world: World, **request: Any) -> Ran:
+    return await run(world, PROCEDURES["align"], {"op": "align", **request})
+
+
+async def _fault(world: World, **request: Any) -> Fault:
+    with pytest.raises(Fault) as caught:
+        await _align(world, **request)
+    return caught.value
+
+
+def _record(world: World) -> AlignmentRecord:
+    record = world.calibrations.alignment(world.board)
+    assert record is not None
+    return record
+
+
+def _refused(reason: Refusal, message: str = "seen otherwise") -> Callable[[LookResult], LookResult]:
+    def edit(look: LookResult) -> LookResult:
+        assert look.board is not None
+        return replace(look, board=replace(look.board, found=NotRegistered(reason, message)))
+
+    return edit
+
+
+def _places(world: World) -> list[tuple[float, float]]:
+    return [s.reference.about_um for s in world.station.searches if isinstance(s, BoardSearch)]
+
+
+async def test_unique_places_give_the_pose_and_verify_the_seat(world: World) -> None:
+    nominal = world.config.board.pose()
+    world.true_pose = Rigid2(nominal.theta_deg + 0.2, nominal.tx_um + 150.0, nominal.ty_um - 90.0)
+    ran = await _align(world)
+    assert ran.got.detail["seat"]["verified"] is True  # type: ignore[index]
+    for place in (p.place_um for p in BOARD.points):
+        assert world.geometry.board_to_robot_um(place) == pytest.approx(world.true_pose.apply(place), abs=0.5)
+    record = _record(world)
+    assert record.seat is not None
+    assert {look.theta_deg for look in record.seat.looks} == {0.0, 180.0}
+    assert record.seat.places == len(record.fiducials) == 4
+
+
+async def test_no_round_target_and_no_fiducial_is_needed(world: World) -> None:
+    assert not [p for p in BOARD.points if p.stands_round or p.kind == "fiducial"]
+    assert (await _align(world)).got.outcome == "aligned"
+
+
+async def test_a_dirty_place_is_replaced_by_the_next(world: World) -> None:
+    world.station.script = {2: _refused(Refusal.NOT_THIS_BOARD)}
+    await _align(world)
+    assert len(set(_places(world))) == 5
+    assert len(_record(world).fiducials) == 4
+
+
+async def test_where_the_needle_is_not_seen_it_is_looked_at_from_beside(world: World) -> None:
+    world.station.script = {1: lambda look: replace(look, tip=NotFound(Reason.NO_NEEDLE, "busy ground"), board=None)}
+    await _align(world)
+    first, second = _places(world)[:2]
+    assert first == second
+    assert len(_record(world).fiducials) == 4
+
+
+@pytest.mark.parametrize("reason", [Refusal.BOARD_TURNED, Refusal.WRONG_SIDE, Refusal.NO_BOARD])
+async def test_what_lies_there_instead_is_named_by_the_first_look(world: World, reason: Refusal) -> None:
+    world.station.always = _refused(reason)
+    assert (await _fault(world)).kind.wire_name == reason.value
+    assert len(world.station.searches) == 1
+    assert world.calibrations.alignment(world.board) is None
+    assert "seen otherwise" in str(world.calibrations.in_force.void)
+
+
+@pytest.mark.parametrize("reason", [Refusal.BOARD_TURNED, Refusal.WRONG_SIDE])
+async def test_one_poor_view_after_a_place_that_was_found_is_not_believed(world: World, reason: Refusal) -> None:
+    world.station.script = {2: _refused(reason)}
+    await _align(world)
+    assert len(set(_places(world))) == 5
+    assert len(_record(world).fiducials) == 4
+
+
+async def test_another_board_is_named_after_three_places(world: World) -> None:
+    world.station.always = _refused(Refusal.NOT_THIS_BOARD)
+    assert (await _fault(world)).kind is FaultCode.NOT_THIS_BOARD
+    assert len(world.station.searches) == 3
+
+
+async def test_a_board_displaced_beyond_a_placement_error_is_told_how_far(world: World) -> None:
+    pose = world.true_pose
+    world.true_pose = Rigid2(pose.theta_deg, pose.tx_um + 2000.0, pose.ty_um)
+    fault = await _fault(world)
+    assert fault.kind is FaultCode.WRONG_PLACE
+    assert fault.detail["off_um"] == pytest.approx([2000.0, 0.0], abs=5.0)
+
+
+async def test_named_targets_of_any_shape_align_too(world: World) -> None:
+    ran = await _align(world, fiducials=["R1.1", "R1.2", "R2.1"])
+    assert ran.got.detail["fiducials"] == 3
+    assert ran.got.detail["seat"]["verified"] is True  # type: ignore[index]
+
+
+async def test_a_board_without_unique_places_says_what_to_name(tmp_path: Path) -> None:
+    alike = tuple(place.model_copy(update={"rival": 0.99}) for place in SEAT)
+    world = World(tmp_path, BOARD.model_copy(update={"seat": alike}), {}).teach().with_map()
+    fault = await _fault(world)
+    assert fault.kind is FaultCode.INVALID_REQUEST
+    assert "fiducials" in fault.advice

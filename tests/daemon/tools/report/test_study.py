@@ -1,0 +1,57 @@
+"""A type-1 study says what the textbook says, and its page is drawn again from its numbers."""
+
+from __future__ import annotations
+
+import math
+import random
+import statistics
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from daemon.cli.app import app
+from daemon.tools.report.study import Study, capability, study_page, write_study
+
+pytestmark = pytest.mark.usefixtures("logging_as_before")
+# Ten values of a mean of 2 and a standard deviation of 1.5, by construction
+TEN = [2.0 + 1.5 * z * math.sqrt(9 / 10) for z in (1, -1, 1, -1, 1, -1, 1, -1, 1, -1)]
+
+
+def _study(spread_um: float, bias_um: float = 0.0, tolerance_um: float = 100.0) -> Study:
+    chance = random.Random(7)
+    dx, dy = ([bias_um + chance.gauss(0, spread_um) for _ in range(50)] for _ in range(2))
+    return Study(station="s", made_at="2026-01-31T12:00:00+00:00", test_point="TP7", tolerance_um=tolerance_um,
+                 dx_um=dx, dy_um=dy)  # fmt: skip
+
+
+def test_cg_and_cgk_are_those_of_the_textbook() -> None:
+    assert statistics.stdev(TEN) == pytest.approx(1.5)
+    found = capability(TEN, 60.0)
+    assert found.cg == pytest.approx(0.2 * 60 / (6 * 1.5))
+    assert found.cgk == pytest.approx((0.1 * 60 - 2.0) / (3 * 1.5))
+    assert capability([0.0] * 10, 60.0).cg == math.inf
+    assert capability([7.0] * 10, 60.0).cgk == -math.inf
+    with pytest.raises(ValueError, match="10 or more"):
+        capability(TEN[:9], 60.0)
+
+
+@pytest.mark.parametrize(("spread", "bias", "good"), [(1.0, 0.0, True), (10.0, 0.0, False), (1.0, 8.0, False)])
+def test_the_verdict_heeds_spread_and_bias(spread: float, bias: float, good: bool) -> None:
+    page = study_page(_study(spread, bias))
+    assert page.verdict.good is good
+    assert any(number.bad for number in page.numbers) is not good
+    assert all(number.limit for number in page.numbers if number.bad), "what is bad has its limit beside it"
+
+
+def test_the_page_is_drawn_again_from_its_numbers(tmp_path: Path) -> None:
+    write_study(_study(2.0), tmp_path / "study.html")
+    again = CliRunner().invoke(
+        app, ["study", "--redraw", str(tmp_path / "study.json"), "-o", str(tmp_path / "again.html")]
+    )
+    assert again.exit_code == 0, again.output
+    assert "Cgk" in again.output
+    assert (tmp_path / "again.html").read_text() == (tmp_path / "study.html").read_text()
+    wrong = CliRunner().invoke(app, ["study", "--redraw", str(tmp_path / "study.html")])
+    assert wrong.exit_code == 2
+    assert CliRunner().invoke(app, ["study"]).exit_code == 2
