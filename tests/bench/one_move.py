@@ -28,8 +28,9 @@ bytes of each frame are the CRC, low byte first.
 
 All that is written goes by FC 43, object by object. The process image is only read, by FC 3 from register 5000 (1388h)
 on, as 3602h lays it out since the start: 6041h statusword, padding, 6061h mode, 6064h position, 60FDh inputs. High byte
-and high word come first. The drive has no homing bit outside of homing mode, so the move begins with the
-marker kept in 2400h:20h. 1 mm is 655 360 increments; the speed (6081h) is written only when it changes.
+and high word come first. The drive has no homing bit outside of homing mode: the marker kept in 2400h:20h stands for
+one. It was read as the drive was switched on, and a restart ends "operation enabled", so the first look tells state,
+place and reference. 1 mm is 655 360 increments; the speed (6081h) is written only when it changes.
 
 """
 OBJECTS = {

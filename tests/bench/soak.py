@@ -74,7 +74,7 @@ class Work:
     def __init__(self, rig: Rig, client: Client, seed: int) -> None:
         self.rig, self.client = rig, client
         self.dice = random.Random(seed)
-        self.points = [p.name for p in rig.board.test_points()]
+        self.points = [p.name for p in rig.board.round_points()]
         self.done: Counter[str] = Counter()
         self.number = 0
 

@@ -1,6 +1,8 @@
 """How long the daemon takes from its first instruction to READY, on a simulated station in real time.
 
-Run by name: `python -m tests.bench.start`. The bound is 2 s on two idle cores; most of it is 115200 baud.
+Run by name: `python -m tests.bench.start`. The bound is 2 s on two idle cores. The station is homed, as it is when a
+daemon is started again: that is the most that is asked of its drives. On a machine that has other work, the daemon's
+own time of a core says more than the clock.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ import tempfile
 import time
 from pathlib import Path
 
+from tests.bench.idle import cpu_s
 from tests.station.rig import Rig, running_rig
 
 STARTS = 7
@@ -23,19 +26,20 @@ GIVE_UP_S = 60.0
 def main() -> None:
     """Start it a few times and print what it took."""
     with tempfile.TemporaryDirectory() as out, running_rig(Path(out), arguments=()) as rig:
+        with rig.client(60.0) as client:
+            client.job("home")
         rig.daemon.end()
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
             manager.bind(str(rig.places.sockets / "notify"))
             manager.settimeout(GIVE_UP_S)
-            taken_s = [_start(rig, manager) for _ in range(STARTS)]
-    print(
-        f"start to READY: median {statistics.median(taken_s):.2f} s, best {min(taken_s):.2f}, worst {max(taken_s):.2f}"
-    )
+            starts = [_start(rig, manager) for _ in range(STARTS)]
+    for what, taken_s in zip(("start to READY", "of a core"), zip(*starts, strict=True), strict=True):
+        print(f"{what}: median {statistics.median(taken_s):.2f} s, best {min(taken_s):.2f}, worst {max(taken_s):.2f}")
 
 
-def _start(rig: Rig, manager: socket.socket) -> float:
-    """Start, wait for READY, stop; return how long the first took, s."""
-    command = [sys.executable, "-m", "daemon.cli", "run", "--json", "--config", str(rig.places.out / "station.toml")]
+def _start(rig: Rig, manager: socket.socket) -> tuple[float, float]:
+    """Start, wait for READY, stop; return how long the first took, and how much of a core, s."""
+    command = [sys.executable, "-m", "daemon.cli", "serve", "--json", "--config", str(rig.places.out / "station.toml")]
     environment = {**os.environ, "NOTIFY_SOCKET": str(rig.places.sockets / "notify")}
     with (rig.places.out / "start.log").open("wb") as words:
         began_s = time.monotonic()
@@ -43,7 +47,7 @@ def _start(rig: Rig, manager: socket.socket) -> float:
         try:
             while b"READY=1" not in manager.recv(4096):
                 pass
-            return time.monotonic() - began_s
+            return time.monotonic() - began_s, cpu_s(daemon.pid)
         finally:
             daemon.terminate()
             manager.setblocking(False)

@@ -4,19 +4,24 @@ from __future__ import annotations
 
 import json
 import random
+import threading
+from contextlib import nullcontext
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from rich.console import Console
 
-from tests.bench.faults import judge, matrix
+from tests.bench.faults import campaign, judge, matrix
 from tests.bench.faults.__main__ import arguments
 from tests.bench.faults.campaign import PARTS, Plan
 from tests.bench.faults.messages import messages
 from tests.bench.faults.records import Glance, Job, Ledger, Truth, Violation
 from tests.bench.faults.station import read_stops
+from tests.bench.faults.table import complete, show
 
 UP = Truth(t_s=10.0, x_um=60_000.0, y_um=40_000.0, z_um=5_600.0, theta_deg=60.0, pressed_um=0.0)
 PRESSED = replace(UP, z_um=4_900.0, pressed_um=100.0)
@@ -157,20 +162,35 @@ def test_the_truth_log_tells_where_the_station_stopped_and_when_it_slipped_by_it
 
 def test_the_campaign_has_its_full_size_and_every_row_of_the_matrix_once() -> None:
     asked = arguments([])
-    assert [getattr(asked, part) for part in PARTS] == [200, 50, 256, 100_000]
+    assert [getattr(asked, part) for part in PARTS] == [200, 50, 30, 20, 12, 6, 8, 256, 100_000]
     chosen = [matrix.title(row) for row in matrix.rows(1, 256)]
     assert len(set(chosen)) == 256
     assert chosen != [matrix.title(row) for row in matrix.rows(2, 256)]
 
 
 def test_the_stations_share_all_items_and_one_item_can_be_repeated_alone() -> None:
-    plan = Plan(1, {"kills": 5, "resets": 2, "rows": 9, "messages": 4_000}, stations=3, workers=1, speed=5.0)
+    counts = dict.fromkeys(PARTS, 0) | {"kills": 5, "resets": 2, "rows": 9, "messages": 4_000}
+    plan = Plan(1, counts, stations=3, workers=1, speed=5.0)
     shares = [item for number in range(3) for item in plan.share(number)]
     assert len(shares) == len(set(shares)) == 5 + 2 + 9 + 2
     again = plan.repeat(Violation("lost", "rows:4", "x"))
     assert again.endswith("--only rows:4")
     only = replace(plan, only="rows:4")
     assert [only.share(number) for number in range(3)] == [[], [("rows", 4)], []]
+
+
+def test_a_campaign_that_is_ended_tells_what_it_did_and_is_not_good(monkeypatch: pytest.MonkeyPatch) -> None:
+    """After two items of one station; stations and items are doubles."""
+    enough, began = threading.Event(), []
+    monkeypatch.setattr(
+        campaign, "running_station", lambda *_: nullcontext(SimpleNamespace(violations=[], ledger=Ledger()))
+    )
+    monkeypatch.setattr(campaign, "_item", lambda *_: began.append(1) or (len(began) == 2 and enough.set()))
+    plan = Plan(1, dict.fromkeys(PARTS, 0) | {"kills": 5, "resets": 2}, stations=2, workers=1, speed=5.0)
+    tally = campaign.run(plan, lambda _text: None, enough)
+    assert tally.done == {"kills": 2}
+    assert not complete(plan, tally)
+    assert not show(Console(quiet=True), plan, tally)
 
 
 def test_the_fuzzed_messages_are_the_same_for_the_same_seed() -> None:

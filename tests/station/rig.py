@@ -13,16 +13,19 @@ from typing import Any, Literal
 
 from daemon.client import Client
 from daemon.domain.board import Board
-from daemon.tools.cad_import import import_board
+from daemon.tools.board_import import Options, import_board
 from daemon.tools.demo.processes import DemoBench, Process, wait_for_daemon
 from daemon.tools.demo.session import Session
 from daemon.tools.demo.settings import REPLY_MS, Places, write_settings
+from daemon.tools.demo.wiring import wiring_toml
 
 ROOT = Path(__file__).parents[2]
-EVENTUALLY_S = 20.0
+EVENTUALLY_S = 60.0
 STARTED_WITHIN_S = 60.0
 FAST = ("--unpaced", "--speed", "3")
 """The plant and the pixels stay as they are; only the clock and the line are hurried."""
+PROGRAM = ("daemon.cli",)
+"""Module that is run as the daemon, and what comes before its own arguments."""
 DEMO_BOARD = ROOT / "sim_hw" / "demo_board"
 
 
@@ -35,6 +38,9 @@ class Rig:
     sim: Process
     bench: DemoBench
     daemon: Process
+    program: tuple[str, ...] = PROGRAM
+    meter: str = ""
+    """Where the simulated station's meter listens, host:port."""
 
     @property
     def control(self) -> str:
@@ -44,14 +50,14 @@ class Rig:
     def events(self) -> str:
         return self.places.socket("events")
 
-    def client(self, timeout_s: float = 20.0) -> Client:
+    def client(self, timeout_s: float = EVENTUALLY_S) -> Client:
         return Client(self.control, timeout_s=timeout_s)
 
     def session(self, client: Client, seed: int = 1) -> Session:
         return Session(client, self.bench, self.board, seed, lambda _text: None)
 
     def start_daemon(self, wait: Callable[[Process, str], Any] = wait_for_daemon) -> None:
-        arguments = ["daemon.cli", "run", "--config", str(self.places.out / "station.toml"), "--json"]
+        arguments = [*self.program, "run", "--config", str(self.places.out / "station.toml"), "--json"]
         self.daemon = Process("daemon", arguments, self.places.out / "daemon.log", ready_line=False)
         wait(self.daemon, self.control)
 
@@ -119,10 +125,17 @@ def running_rig(
     reply_ms: float = REPLY_MS,
     pictures: Literal["failed", "all", "none"] = "all",
     more_settings: str = "",
+    assembled: bool = False,
+    program: tuple[str, ...] = PROGRAM,
+    electric: bool = False,
 ) -> Iterator[Rig]:
-    """Start the simulated station and a daemon on it; `waits_for_speed` shortens what the daemon waits for by clock."""
-    board = import_board(folder, side)
-    (out / "board.json").write_text(board.model_dump_json())
+    """Start the simulated station and a daemon on it; `waits_for_speed` shortens what the daemon waits for by clock.
+
+    `assembled`: parts stand on the board, and the board file knows of them. `electric`: the station has the simulated
+    meter, its harness, the reference pad and the brush.
+    """
+    board = import_board(folder, side, Options(bare=not assembled))
+    board.save(out / "board.json")
     with tempfile.TemporaryDirectory(prefix="reprobe-") as sockets:
         places = Places(out, Path(sockets))
         settings = write_settings(places, speed=waits_for_speed, reply_ms=reply_ms, pictures=pictures)
@@ -130,12 +143,17 @@ def running_rig(
         sim_arguments = [
             "sim_hw", "--board", str(folder), "--side", side, "--seed", str(seed), "--line", places.line,
             "--camera", places.socket("camera"), "--bench", places.socket("bench"),
-            "--truth", str(out / "truth.jsonl"), *arguments,
+            "--truth", str(out / "truth.jsonl"), *arguments, *(("--assembled",) if assembled else ()),
         ]  # fmt: skip
         sim = Process("simulated station", sim_arguments, out / "sim.log", ready_line=True)
         try:
-            bench = DemoBench(sim.ready()["bench"])
-            rig = Rig(places, board, sim, bench, sim)
+            told = sim.ready()
+            bench = DemoBench(told["bench"])
+            if electric:
+                nets = (point.net for point in board.points)
+                more = wiring_toml(nets, bench.ask("circuit")["harness"], told["meter"])
+                settings.write_text(settings.read_text() + more)
+            rig = Rig(places, board, sim, bench, sim, program, told["meter"])
             try:
                 rig.start_daemon()
                 yield rig

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from daemon.client import Client
-from tests.station.rig import Rig
+from tests.station.rig import EVENTUALLY_S, Rig
 
 BAD: list[tuple[str, bytes, str]] = [
     ("malformed JSON", b'{"op": "correct"', "bad_json"),
@@ -32,7 +32,7 @@ BAD: list[tuple[str, bytes, str]] = [
 @pytest.mark.parametrize(("what", "message", "name"), BAD, ids=[row[0] for row in BAD])
 def test_a_bad_request_is_answered_by_name(rig: Rig, client: Client, what: str, message: bytes, name: str) -> None:
     before = rig.truth()["axes"]
-    reply = client.raw(message, timeout_s=20.0)
+    reply = client.raw(message, timeout_s=EVENTUALLY_S)
     assert reply["ok"] is False
     assert reply["error"]["name"] == name
     assert reply["error"]["advice"]

@@ -108,7 +108,9 @@ def test_another_board_than_was_measured_is_found_out_and_the_needle_lifted(rig:
     with rig.client() as client:
         assert client.job("calibrate", what="surface", places=4, **LONG).ok
         _lay_in(rig, 300.0)
-        placed = client.job("place", test_point="TP8", theta_deg=30.0)
+        placed, truths = _watched(rig, client, "place", test_point="TP8", theta_deg=30.0)
+        assert _contact_um_s(truths), "the touch was seen"
+        assert max(_contact_um_s(truths)) < FASTEST_UM_S
         assert placed.error is not None
         assert placed.error.name == "wrong_height"
         assert rig.truth()["pressed_um"] == 0.0

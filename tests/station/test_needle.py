@@ -33,7 +33,7 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
 def left_idle(rig: Rig) -> Iterator[None]:
     """Leave the station idle, homed and with the needle up, also when a test failed in the middle."""
     yield
-    for name in ("silent", "estop", "cable_out"):
+    for name in ("silent", "estop", "cable_out", "stall"):
         rig.bench.ask("fault", name=name, on=False)
     with rig.client() as client:
         client.raw(b'{"op": "cancel"}')
@@ -163,6 +163,29 @@ def test_a_daemon_killed_over_a_pressed_pin_says_so_and_moves_nothing_until_it_i
         truth = rig.truth()["axes"]
         assert [truth[name] for name in ("x_um", "y_um")] == [before["axes"][name] for name in ("x_um", "y_um")]
         assert (client.request("status")["state"], _needle(client)) == ("idle", "up")
+        assert client.job("place", **FAR).ok
+
+
+def test_after_a_kill_over_a_pressed_pin_a_z_that_only_counts_its_lift_drags_nothing(rig: Rig) -> None:
+    """Nobody is left who saw where the free tip stood: it is looked for where it was taught."""
+    with rig.client() as client:
+        _press(rig, client, "killed-and-stalled")
+        rig.until(lambda truth: truth["pressed_um"] > 120.0, "it never pressed deeply")
+    rig.daemon.kill()
+    rig.until(lambda truth: not truth["moving"], "it went on moving")
+    before = rig.truth()
+    assert before["pressed_um"] > 100.0
+    with rig.fault("stall", axis="z", detected=False):
+        rig.start_daemon(_until_it_answers)
+        with rig.client() as client:
+            lifted = client.job("lift")
+            assert (lifted.ok, lifted.outcome) == (True, "lifted"), lifted.error
+            refused = client.job("place", **FAR)
+            assert _error(refused) == "axis_stalled"
+            assert rig.truth()["axes"] == before["axes"], "the pin was dragged"
+    with rig.client() as client:
+        client.raw(b'{"op": "reset"}', timeout_s=60.0)  # it answers that homing is left to do
+        assert client.job("home").ok
         assert client.job("place", **FAR).ok
 
 

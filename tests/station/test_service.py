@@ -209,7 +209,7 @@ def test_a_daemon_started_anew_is_ready_and_stands_where_it_was(daemon: Rig, man
     before = daemon.truth()["axes"]
     manager.until("WATCHDOG", "1")
     assert daemon.truth()["axes"] == before
-    with Client(daemon.control, timeout_s=20.0) as client:
+    with Client(daemon.control, timeout_s=EVENTUALLY_S) as client:
         assert client.request("result", id="cable")["result"]["ok"] is False
     _stop(daemon, manager)
 

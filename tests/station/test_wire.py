@@ -19,7 +19,7 @@ import zmq
 
 from daemon.client import Client, NoAnswer, NotLetIn, Refused, Subscription
 from daemon.tools.demo.processes import Process
-from tests.station.rig import ROOT, Rig
+from tests.station.rig import EVENTUALLY_S, ROOT, Rig
 
 NODE = Path(__file__).parent / "node"
 README_ENDPOINT = "tcp://127.0.0.1:5555"
@@ -32,7 +32,7 @@ def _readme(language: str, endpoint: str) -> str:
     (text,) = (
         code
         for code in re.findall(rf"```{language}\n(.*?)```", (ROOT / "README.md").read_text(), flags=re.DOTALL)
-        if README_ENDPOINT in code
+        if README_ENDPOINT in code and "correct" in code
     )
     assert text.count(README_ENDPOINT) == 1
     return text.replace(README_ENDPOINT, endpoint)
@@ -159,6 +159,9 @@ def test_testers_take_turns_and_one_that_floods_is_refused(rig: Rig, client: Cli
     with rig.client() as other, Subscription(rig.events, ("result", "heartbeat")) as heard:
         assert heard.next(10.0), "a heartbeat comes by itself"
         client.request("place", id="long", board_um=[39_000.0, 29_000.0], theta_deg=90.0)
+        give_up_s = time.monotonic() + EVENTUALLY_S
+        while client.request("status")["state"] == "idle":  # what has begun waits no more
+            assert time.monotonic() < give_up_s, "it does not begin"
         for job_id in mine[:-1]:
             client.request("look", id=job_id)
         with pytest.raises(Refused) as refused:
@@ -168,7 +171,7 @@ def test_testers_take_turns_and_one_that_floods_is_refused(rig: Rig, client: Cli
         other.request("look", id="other")
         ended: list[str] = []
         while "other" not in ended or mine[-2] not in ended:
-            event = heard.next(20.0)
+            event = heard.next(EVENTUALLY_S)
             assert event is not None, ended
             if event["topic"] == "result":
                 ended.append(event["id"])

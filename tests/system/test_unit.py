@@ -133,15 +133,19 @@ def test_a_bad_configuration_is_refused_on_reload_and_a_good_one_taken(running: 
     settings = running.path(STATION)
     good, pid = settings.read_text(), running.main_pid()
     settings.write_text(good.replace("[head]", "[head]\nradius = 1"))
-    running.run("systemctl", "reload", "reprobe")
+    code, _ = running.call("systemctl", "reload", "reprobe", within_s=90.0)
+    assert code != 0, "a person at a terminal sees at once that it was not taken"
+    assert "head.radius: there is no key 'radius' in [head]; is 'radius_um' meant?" in running.log()
     running.until_status("refused")
     assert "head.radius" in running.show("StatusText")
+    assert "head.radius" in client.request("status")["configuration_refused"][0]
     board = running.path("/etc/reprobe/board.json")
     running.path("/etc/reprobe/other.json").write_text(board.read_text().replace('"name": "', '"name": "other ', 1))
     settings.write_text(good.replace("/board.json", "/other.json").replace('"board.json"', '"other.json"'))
     running.run("systemctl", "reload", "reprobe")
     running.until(lambda: client.request("describe")["board"]["name"].startswith("other"), "it was not taken over")
     running.until(lambda: running.show("ActiveState") == "active", "the reload never ended")
+    assert client.request("status")["configuration_refused"] == []
     settings.write_text(good)
     assert running.main_pid() == pid
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from daemon.client import Client
 from daemon.domain.board import Board
-from daemon.tools.cad_import import import_board
+from daemon.tools.board_import import Options, import_board
 from daemon.tools.demo.processes import DemoBench, Process
 from daemon.tools.demo.settings import Places, write_settings
 from tests.station.rig import DEMO_BOARD, FAST
@@ -55,12 +55,15 @@ SETTINGS = {
     r'data_dir = "station"': 'data_dir = "/var/lib/reprobe"',
     r'port = "[^"]*"': 'port = "/dev/reprobe-bus"',
     r'parity = "N"': 'parity = "E"',
-    r'kind = "stream"\nendpoint = "[^"]*"': 'kind = "v4l2"\ndevice = "/dev/reprobe-camera"\ntimeout_ms = 20000',
+    r'kind = "stream"\nendpoint = "[^"]*"': 'kind = "v4l2"\ndevice = "/dev/reprobe-camera"',
     r'control = "[^"]*"': f'control = "tcp://{OWN_ADDRESS}:{CONTROL_PORT}"\ncurve = true',
     r'events = "[^"]*"': f'events = "tcp://{OWN_ADDRESS}:{CONTROL_PORT + 1}"',
+    r'live = "[^"]*"': 'live = "ipc:///run/reprobe/live"',
 }
 MORE_SETTINGS = "\n[servo]\njob_timeout_s = 1200.0\n"
 REPLY_MS = 3000.0
+NOWHERE = Path("/nowhere")
+"""What the demonstration would lay out there, the emulated machine has elsewhere: the name must not be left."""
 
 
 @dataclass
@@ -86,7 +89,8 @@ def station(work: Path) -> Iterator[Station]:
     with _simulated(work, camera) as bench, booted(work, Wires(work / "line", {control_port: CONTROL_PORT})) as vm:
         vm.join_network()
         _install(vm, work)
-        board = import_board(DEMO_BOARD, "top")
+        # Without layers: to lay CAD over a picture takes the emulated machine minutes; that is tried on real ones.
+        board = import_board(DEMO_BOARD, "top", Options(bare=True)).model_copy(update={"layers": None})
         _configure(vm, board)
         _plug_in(vm, camera.replace("127.0.0.1", HOST_ADDRESS))
         key = work / "tester.key"
@@ -128,15 +132,16 @@ def _configure(vm: Vm, board: Board) -> None:
         rules = rules.replace(shipped, own)
     vm.put("/etc/udev/rules.d/70-reprobe.rules", rules)
     vm.run("udevadm", "control", "--reload")
-    vm.put("/etc/reprobe/station.toml", _settings())
+    vm.put("/etc/reprobe/station.toml", emulated_settings())
     vm.put("/etc/reprobe/board.json", board.model_dump_json())
     vm.run(REPROBE, "keys", "new", "tester", "--role", "maintain", "--out", "/root/tester.key", within_s=300.0)
     vm.put("/etc/systemd/system/reprobe.service.d/emulated.conf", DROP_IN)
 
 
-def _settings() -> str:
+def emulated_settings() -> str:
+    """Return the demonstration's configuration for the devices, places and times of the emulated machine."""
     with tempfile.TemporaryDirectory() as draft:
-        text = write_settings(Places(Path(draft), Path("/nowhere")), reply_ms=REPLY_MS, pictures="failed").read_text()
+        text = write_settings(Places(Path(draft), NOWHERE), reply_ms=REPLY_MS, pictures="failed").read_text()
     for pattern, replacement in SETTINGS.items():
         text, times = re.subn(pattern, lambda _found, new=replacement: new, text)  # type: ignore[misc]
         assert times == 1, pattern
@@ -166,7 +171,8 @@ def _free_port() -> int:
 
 def until_open(station: Station) -> None:
     """Start the daemon if it does not run, and wait until it has opened its devices."""
-    station.vm.run("systemctl", "start", "reprobe", within_s=300.0)
+    code, said = station.vm.call("systemctl", "start", "reprobe", within_s=300.0)
+    assert code == 0, said + station.vm.log()
     station.vm.until(
         lambda: station.vm.show("StatusText").startswith(("fault: not_homed", "idle")), "the devices were not opened"
     )

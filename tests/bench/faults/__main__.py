@@ -1,6 +1,7 @@
 """Run the fault campaign: kills, resets, faults in every state, fuzzed messages; count what must never be.
 
-    python -m tests.bench.faults [--seed S] [--kills N] [--resets N] [--rows N] [--messages N]
+    python -m tests.bench.faults [--seed S] [--kills N] [--resets N] [--cancels N] [--hangups N] [--disks N]
+                                 [--peers N] [--calibrations N] [--rows N] [--messages N]
                                  [--stations N] [--workers N] [--speed X] [--only PART:NUMBER]
 
 A count of 0 leaves a part out. Exit code 1 if a bound is broken or something asked was not done.
@@ -12,6 +13,7 @@ import argparse
 import os
 import signal
 import sys
+import threading
 import time
 import warnings
 
@@ -23,7 +25,10 @@ from rich.console import Console
 from tests.bench.faults.campaign import PARTS, Plan, run
 from tests.bench.faults.table import show
 
-COUNTS = {"kills": 200, "resets": 50, "rows": 256, "messages": 100_000}
+COUNTS = {
+    "kills": 200, "resets": 50, "cancels": 30, "hangups": 20, "disks": 12, "peers": 6, "calibrations": 8, "rows": 256,
+    "messages": 100_000,
+}  # fmt: skip
 
 
 def arguments(argv: list[str] | None = None) -> argparse.Namespace:
@@ -43,12 +48,16 @@ def main(argv: list[str] | None = None) -> int:
     asked = arguments(argv)
     # Boards are read by several threads, and putting such a filter on for a while is no thread's own matter.
     warnings.filterwarnings("ignore", category=SyntaxWarning)
-    # Ended from outside, it still ends the processes it started.
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
+    # Ended from outside, each station ends its item and its processes, and the table tells of what was done.
+    enough = threading.Event()
+    for ends in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(ends, lambda *_: enough.set())
     counts = {part: getattr(asked, part) for part in PARTS}
     plan = Plan(asked.seed, counts, asked.stations, asked.workers, asked.speed, asked.only)
     console, began_s = Console(width=None if sys.stdout.isatty() else 150), time.monotonic()
-    tally = run(plan, lambda text: console.print(f"{time.monotonic() - began_s:6.1f} s {text}", highlight=False))
+    tally = run(
+        plan, lambda text: console.print(f"{time.monotonic() - began_s:6.1f} s {text}", highlight=False), enough
+    )
     good = show(console, plan, tally)
     console.print(f"{(time.monotonic() - began_s) / 60:.1f} min")
     return 0 if good else 1

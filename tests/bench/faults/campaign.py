@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 import tempfile
+import threading
 import traceback
 from collections import Counter
 from collections.abc import Callable
@@ -11,17 +12,33 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from tests.bench.faults import fuzz, kills, matrix, resets
+from tests.bench.faults import (
+    calibrations,
+    cancels,
+    full_disk,
+    fuzz,
+    half_open,
+    hangups,
+    kills,
+    matrix,
+    resets,
+)
 from tests.bench.faults.records import Violation
 from tests.bench.faults.station import Station, running_station
+from tests.station.rig import PROGRAM
 
-PARTS = ("kills", "resets", "rows", "messages")
+PLAIN: dict[str, Callable[[Station, random.Random], None]] = {
+    "kills": kills.one, "resets": resets.one, "cancels": cancels.one, "hangups": hangups.one, "disks": full_disk.one,
+    "peers": half_open.one, "calibrations": calibrations.one,
+}  # fmt: skip
+"""Parts whose items are told apart by their dice alone."""
+PARTS = (*PLAIN, "rows", "messages")
 """In this order: after the rows the axes need not stand where they count."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What is asked; `only` is one item, such as `rows:17`."""
+    """What is asked; `only` is one item, such as `rows:17`; `program` is what is run as the daemon."""
 
     seed: int
     counts: dict[str, int]
@@ -29,6 +46,7 @@ class Plan:
     workers: int
     speed: float
     only: str | None = None
+    program: tuple[str, ...] = PROGRAM
 
     def items(self, part: str) -> int:
         """Return how many items a part has; messages go by batches."""
@@ -55,29 +73,30 @@ class Tally:
     violations: list[Violation] = field(default_factory=list)
 
 
-def run(plan: Plan, say: Callable[[str], None]) -> Tally:
-    """Run all stations; return what was done and found."""
+def run(plan: Plan, say: Callable[[str], None], enough: threading.Event | None = None) -> Tally:
+    """Run all stations; return what was done and found. `enough`: once set, each ends after the item it is at."""
+    enough = enough or threading.Event()
     tally = Tally()
     with ThreadPoolExecutor(plan.workers) as pool:
-        for part in pool.map(lambda number: _station(plan, number, say), range(plan.stations)):
+        for part in pool.map(lambda number: _station(plan, number, say, enough), range(plan.stations)):
             tally.done += part.done
             tally.accepted += part.accepted
             tally.violations += part.violations
     return tally
 
 
-def _station(plan: Plan, number: int, say: Callable[[str], None]) -> Tally:
+def _station(plan: Plan, number: int, say: Callable[[str], None], enough: threading.Event) -> Tally:
     """Run one station's share; a station that cannot go on is replaced by another of the same seed."""
     tally, share = Tally(), plan.share(number)
-    while share:
+    while share and not enough.is_set():
         at_start = len(share)
         station: Station | None = None
         try:
             with (
                 tempfile.TemporaryDirectory() as out,
-                running_station(Path(out), plan.seed + number, plan.speed) as station,
+                running_station(Path(out), plan.seed + number, plan.speed, plan.program) as station,
             ):
-                while share:
+                while share and not enough.is_set():
                     part, n = share.pop(0)
                     _item(plan, station, part, n)
                     tally.done[part] += 1
@@ -99,10 +118,8 @@ def _item(plan: Plan, station: Station, part: str, n: int) -> None:
     """Do one item with the dice that belong to it."""
     chance = random.Random(f"{plan.seed}:{part}:{n}")
     station.begin(f"{part}:{n}")
-    if part == "kills":
-        kills.one(station, chance)
-    elif part == "resets":
-        resets.one(station, chance)
+    if part in PLAIN:
+        PLAIN[part](station, chance)
     elif part == "rows":
         matrix.one(station, chance, matrix.rows(plan.seed, plan.counts["rows"])[n])
     else:

@@ -11,7 +11,6 @@ from tests.bench.faults.station import Station
 JOBS = ("place", "place", "place", "queue", "look", "home", "lift", "surface", "surface", "correct")
 SPAN_S = {"place": 0.4, "queue": 0.8, "look": 0.25, "home": 1.6, "lift": 0.4, "surface": 4.0, "correct": 0.6}
 """Within so much time after the request it is killed; about what the job takes."""
-PRESSED_WITHIN_S = 10.0
 
 
 def one(station: Station, chance: random.Random) -> None:
@@ -24,13 +23,13 @@ def one(station: Station, chance: random.Random) -> None:
     for request in requests:
         station.send(request)
     if deed == "surface" and chance.random() < 0.6:
-        _until_pressed(station)
+        station.until_pressed()
     else:
         time.sleep(chance.uniform(0.0, SPAN_S[deed]))
     station.rig.daemon.kill()
     station.rig.until(lambda truth: not truth["moving"], "it goes on moving without a daemon")
     station.start()
-    _ask_again(station, requests)
+    ask_again(station, requests)
     station.recover()
     station.judge_item()
 
@@ -45,7 +44,7 @@ def _requests(station: Station, deed: str) -> list[dict[str, object]]:
     return [station.request(deed, deed, undisturbed=True)]
 
 
-def _ask_again(station: Station, requests: list[dict[str, object]]) -> None:
+def ask_again(station: Station, requests: list[dict[str, object]]) -> None:
     """Ask the same with the same ids: what was accepted has its answer, and nothing moves for it."""
     accepted = {job.id for job in station.ledger.jobs(station.item) if job.accepted}
     for request in requests:
@@ -53,9 +52,3 @@ def _ask_again(station: Station, requests: list[dict[str, object]]) -> None:
         station.send({**request, "wait": True})
         if request["id"] in accepted and judge.stirred(before, station.truth()):
             station.found("doubled", f"{request['id']} moved when it was asked again")
-
-
-def _until_pressed(station: Station) -> None:
-    give_up_s = time.monotonic() + PRESSED_WITHIN_S
-    while station.truth().pressed_um <= 0 and time.monotonic() < give_up_s:
-        time.sleep(0.002)

@@ -23,14 +23,7 @@ def one(station: Station, chance: random.Random) -> None:
         for _ in range(chance.randint(1, 3)):
             time.sleep(chance.uniform(0.0, JOBS[op]))
             _reset(station)
-    reply = replies[0]
-    if reply is None:
-        station.found("lost", f"{request['id']} had no answer")
-    elif not reply["ok"] or not reply["result"]["ok"]:
-        error = reply.get("error") or reply["result"]["error"]
-        station.found(
-            "contradictory", f"{request['id']} ended by {error['name']} ({error['message']}): nothing is wrong"
-        )
+    station.must_have_worked(request, replies[0])
     station.recover()
     station.judge_item()
 

@@ -17,7 +17,8 @@ from daemon.tools.demo.processes import Process
 from tests.bench.faults import judge
 from tests.bench.faults.records import Job, Ledger, Truth, Violation
 from tests.bench.faults.watch import Watch
-from tests.station.rig import Rig, running_rig
+from tests.daemon.storage.small_disk import mounted
+from tests.station.rig import PROGRAM, Rig, running_rig
 
 REPLY_MS = 1000.0
 """Slaves get more time to answer: several stations share a computer, which then is what is slow."""
@@ -31,12 +32,19 @@ CORNER_UM = 1000.0
 THETA_DEG = 60.0
 REFERENCE_UM = (15_000.0, 9_000.0)
 TRIES = 10
+PRESSED_WITHIN_S = 10.0
+DISK_MB = 96
 
 
 class Station:
     """One station at work; everything that is asked goes through it, so that the ledger knows it."""
 
-    def __init__(self, rig: Rig, client: Client, watch: Watch, ledger: Ledger, seed: int) -> None:
+    def __init__(
+        self, rig: Rig, client: Client, watch: Watch, ledger: Ledger, seed: int, disk: Path | None = None
+    ) -> None:
+        self.disk = disk
+        """The small disk on which the daemon keeps its data; None where none can be mounted."""
+        self._seed = seed
         self.rig, self.client, self.watch, self.ledger = rig, client, watch, ledger
         self.item = ""
         self.violations: list[Violation] = []
@@ -52,6 +60,10 @@ class Station:
         assert self.client.job("place", board_um=list(REFERENCE_UM), theta_deg=THETA_DEG).ok
         truth = self.truth()
         self.offset_um = (truth.x_um - REFERENCE_UM[0], truth.y_um - REFERENCE_UM[1])
+
+    def calibrate(self) -> None:
+        """Teach the tip and calibrate the map anew."""
+        self.rig.session(self.client, self._seed).set_up()
 
     def truth(self) -> Truth:
         return Truth.of(self.rig.truth())
@@ -141,6 +153,12 @@ class Station:
             return None
         return reply if reply["ok"] else None
 
+    def until_pressed(self) -> None:
+        """Wait until the pin is pressed, not longer than a job takes to do it."""
+        give_up_s = time.monotonic() + PRESSED_WITHIN_S
+        while self.truth().pressed_um <= 0 and time.monotonic() < give_up_s:
+            time.sleep(0.002)
+
     def recover(self, *, home: bool = False) -> None:
         """Do what a person would until the station is idle: lift, reset, home."""
         for number in range(TRIES):
@@ -168,6 +186,15 @@ class Station:
     def item_at(self, t_s: float) -> str:
         """Return what ran at a time of the station."""
         return next((item for begun_s, item in reversed(self._begun) if begun_s <= t_s), "set-up")
+
+    def must_have_worked(self, request: dict[str, Any], reply: dict[str, Any] | None) -> None:
+        """Tell of a job of a healthy station that was not answered, or did not work."""
+        if reply is None:
+            self.found("lost", f"{request['id']} had no answer")
+        elif not reply["ok"] or not reply["result"]["ok"]:
+            error = reply.get("error") or reply["result"]["error"]
+            what = f"{request['id']} ended by {error['name']} ({error['message']}): nothing is wrong"
+            self.found("contradictory", what)
 
     def found(self, kind: str, what: str) -> None:
         self.violations.append(Violation(kind, self.item, what))
@@ -222,18 +249,26 @@ class Station:
 
 
 @contextmanager
-def running_station(out: Path, seed: int, speed: float) -> Iterator[Station]:
+def running_station(out: Path, seed: int, speed: float, program: tuple[str, ...] = PROGRAM) -> Iterator[Station]:
     """Start a station and set it up; when the block ends its daemon is ended and all is judged."""
     arguments = ("--unpaced", "--speed", f"{speed:g}")
+    data = out / "station"
     with (
+        mounted(data, DISK_MB) as is_small,
         running_rig(
-            out, seed=seed, arguments=arguments, waits_for_speed=speed, reply_ms=REPLY_MS, pictures="none"
+            out,
+            seed=seed,
+            arguments=arguments,
+            waits_for_speed=speed,
+            reply_ms=REPLY_MS,
+            pictures="none",
+            program=program,
         ) as rig,
         rig.client(ANSWER_S) as client,
     ):
         ledger = Ledger()
         watch = Watch(rig, ledger)
-        station = Station(rig, client, watch, ledger, seed)
+        station = Station(rig, client, watch, ledger, seed, data if is_small else None)
         station.set_up(seed)
         with watch.watching():
             yield station

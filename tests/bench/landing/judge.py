@@ -63,6 +63,7 @@ def errors_by_name(trials: Sequence[Trial]) -> dict[str, int]:
 def faults_of(trial: Trial) -> list[str]:
     """Name the bounds of every single landing that a trial breaks, the worst first."""
     broken = {
+        "another net": trial.wrong,
         "enlarged": bool(enlarged([trial], SCATTER_UM)),
         "error answer": trial.error is not None,
         "correction": trial.error is None and trial.after > CORRECTED_UM,
@@ -73,7 +74,7 @@ def faults_of(trial: Trial) -> list[str]:
 
 def misses(trials: Sequence[Trial]) -> list[Trial]:
     """Return all trials that break a bound of every single landing, the worst first."""
-    order = ("enlarged", "error answer", "correction", "first landing")
+    order = ("another net", "enlarged", "error answer", "correction", "first landing")
     bad = [
         (order.index(faults[0]), -max(t.first, t.after), t.seed, t.index, t) for t in trials if (faults := faults_of(t))
     ]
@@ -148,7 +149,16 @@ def _corrected(trials: Sequence[Trial]) -> list[Verdict]:
             f"{beyond} ({any_} by any amount)",
             beyond == 0 if trials else None,
         ),
+        _on_their_nets(trials),
     ]
+
+
+def _on_their_nets(trials: Sequence[Trial]) -> Verdict:
+    """Where the simulated station told what was under the tip, no success may stand on metal of another net."""
+    told = [t for t in trials if t.on is not None]
+    wrong = sum(t.wrong for t in told)
+    measured = f"{wrong} of {len(told)}" if told else NOTHING
+    return Verdict("correction", "0 successes on metal of another net", measured, wrong == 0 if told else None)
 
 
 def _rotation(setups: Sequence[Setup]) -> list[Verdict]:

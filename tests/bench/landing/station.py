@@ -15,21 +15,23 @@ from pathlib import Path
 from typing import Any
 
 from daemon.client import Client, NoAnswer
-from daemon.domain.board import Board
+from daemon.domain.board import Board, BoardPoint
 from daemon.domain.results import JobResult
 from daemon.tools.demo.processes import StartError
 from daemon.tools.demo.session import BESIDE_BOARD_UM, choose_fiducials, choose_mark, choose_points, point_at_tip
+from daemon.tools.demo.true_place import same_net
 from sim_hw.board.board import Board as RealBoard
 from sim_hw.board.board import load_board
+from sim_hw.board.surface import Surface
 from tests.bench.landing.judge import CORRECTED_UM
-from tests.bench.landing.trials import Question, Step, Trial, Way
+from tests.bench.landing.trials import Landed, Question, Step, Trial, Way
 from tests.station.rig import Rig
 
 STEPS = ("home", "tip", "map", "rotation", "align", "surface")
 PATIENCE_S, ASK_AGAIN_S = 900.0, 5.0
 ROTATION_ANGLES = 32
-SAME_PLACE_UM = 50.0
-"""A pad of the daemon's board file and one of the simulated station are the same when their CAD places agree."""
+HOLE_UM = 400.0
+"""The target of a drilled pad is its hole; its metal is then no farther than this."""
 
 
 class Interrupted(Exception):
@@ -47,13 +49,21 @@ class SetUpFailed(Exception):
 class Operator:
     """Set up one station and try landings on it."""
 
-    def __init__(self, rig: Rig, client: Client, folder: Path, seed: int, stop: threading.Event) -> None:
+    def __init__(
+        self, rig: Rig, client: Client, folder: Path, seed: int, stop: threading.Event, *, strict: bool = True
+    ) -> None:
+        """`strict`: raise ValueError where the simulated station has no metal at one of the board file's points."""
         self._rig, self._client, self._seed, self._stop = rig, client, seed, stop
         self._random = random.Random(f"{seed}/operator")
         self._points = {point.name: point for point in choose_points(rig.board, len(rig.board.points))}
-        self._true_names = true_names(rig.board, load_board(folder, rig.board.side))
+        self.missing = not_there(rig.board, load_board(folder, rig.board.side))
+        """Points at which the simulated station has no metal of the net: both read CAD for themselves."""
+        if strict and self.missing:
+            raise ValueError(
+                f"the simulated station has no metal of the net where the board file has {', '.join(self.missing)}"
+            )
         self._steps: dict[str, Callable[[], JobResult]] = {
-            "home": lambda: self._job("home", "home"),
+            "home": lambda: self.job("home", "home"),
             "tip": self._teach_tip,
             "map": self._calibrate_map,
             "rotation": lambda: self._calibrate("rotation", angles=ROTATION_ANGLES),
@@ -85,19 +95,21 @@ class Operator:
         point, name = self._points[question.test_point], f"{question.seed}-{question.index}"
         trial = Trial(question.seed, question.index, self._rig.board.name, self._rig.board.side, question.test_point,
                       question.theta_deg, question.offset_um)  # fmt: skip
-        landed = self._job(f"{name}-first", "place", test_point=point.name, theta_deg=question.theta_deg)
+        landed = self.job(f"{name}-first", "place", test_point=point.name, theta_deg=question.theta_deg)
         if landed.error is not None:
             return _answered(trial, landed)
-        trial = replace(trial, first_um=self._truth_um(point.name))
+        trial = replace(trial, first_um=self._truth_um(point))
         beside = [point.x_um + question.offset_um[0], point.y_um + question.offset_um[1]]
-        landed = self._job(f"{name}-beside", "place", board_um=beside, theta_deg=question.theta_deg)
+        landed = self.job(f"{name}-beside", "place", board_um=beside, theta_deg=question.theta_deg)
         if landed.error is not None:
             return _answered(trial, landed)
-        trial = replace(trial, before_um=self._truth_um(point.name))
-        corrected = self._job(f"{name}-correct", "correct", test_point=point.name)
-        trial = _answered(replace(trial, after_um=self._truth_um(point.name)), corrected)
+        trial = replace(trial, before_um=self._truth_um(point))
+        corrected = self.job(f"{name}-correct", "correct", test_point=point.name)
+        under = self._rig.truth()["on"]
+        on = Landed(under["what"], under.get("net"), under.get("pin"), under.get("inside_um"))
+        trial = _answered(replace(trial, after_um=self._truth_um(point), net=point.net, on=on), corrected)
         if trial.error is None and trial.after > CORRECTED_UM:  # it believes in it: what it sees there is worth keeping
-            seen = self._job(f"{name}-look", "look", test_point=point.name, pictures=True)
+            seen = self.job(f"{name}-look", "look", test_point=point.name, pictures=True)
             trial = replace(trial, pictures=seen.pictures)
         return trial
 
@@ -106,24 +118,27 @@ class Operator:
     def _teach_tip(self) -> JobResult:
         """Drive beside the board and point at the needle's end, well but not perfectly."""
         beside = [-BESIDE_BOARD_UM, self._rig.board.height_um / 2]
-        placed = self._job("tip-place", "place", board_um=beside, theta_deg=0.0)
+        placed = self.job("tip-place", "place", board_um=beside, theta_deg=0.0)
         if placed.error is not None:
             return placed
-        return self._job("tip", "calibrate", what="tip", tip_px=point_at_tip(self._rig.bench, self._random))
+        return self.job("tip", "calibrate", what="tip", tip_px=point_at_tip(self._rig.bench, self._random))
 
     def _calibrate_map(self) -> JobResult:
-        return self._calibrate("map", test_point=choose_mark(self._rig.board).name)
+        mark = choose_mark(self._rig.board)
+        return self._calibrate("map", **({} if mark is None else {"test_point": mark.name}))
 
     def _align(self) -> JobResult:
+        if self._rig.board.layers is not None:
+            return self.job("align", "align", deadline_ms=PATIENCE_S * 1e3)
         fiducials = [point.name for point in choose_fiducials(self._rig.board)]
-        return self._job("align", "align", fiducials=fiducials, deadline_ms=PATIENCE_S * 1e3)
+        return self.job("align", "align", fiducials=fiducials, deadline_ms=PATIENCE_S * 1e3)
 
     def _calibrate(self, what: str, **fields: Any) -> JobResult:
-        return self._job(what, "calibrate", what=what, deadline_ms=PATIENCE_S * 1e3, **fields)
+        return self.job(what, "calibrate", what=what, deadline_ms=PATIENCE_S * 1e3, **fields)
 
     # --- asking ----------------------------------------------------------------------------------------------
 
-    def _job(self, job_id: str, op: str, **fields: Any) -> JobResult:
+    def job(self, job_id: str, op: str, **fields: Any) -> JobResult:
         """Run a job to its result. Asked again with the same id, the daemon does nothing twice."""
         give_up_s = time.monotonic() + PATIENCE_S
         while True:
@@ -140,33 +155,24 @@ class Operator:
     def _simulated_s(self) -> float:
         return float(self._rig.truth()["t_s"])
 
-    def _truth_um(self, name: str) -> Way:
-        """Return tip minus pad centre; a pad out of the truth's reach is a landing some millimetres off."""
-        truth, wanted = self._rig.truth(), self._true_names[name]
-        for target in truth["targets"]:
-            if target["name"] == wanted:
-                return round(float(target["dx_um"]), 3), round(float(target["dy_um"]), 3)
-        raise StartError(f"the tip is more than 3 mm from {name}: {truth['tip_um']}")
+    def _truth_um(self, point: BoardPoint) -> Way:
+        """Return tip minus the point's place on the board as it really lies, in the board's frame."""
+        x_um, y_um = self._rig.truth()["board_um"]
+        return round(float(x_um) - point.x_um, 3), round(float(y_um) - point.y_um, 3)
 
 
-def true_names(board: Board, real: RealBoard) -> dict[str, str]:
-    """Return what the simulated station calls each point of the daemon's board: both read CAD for themselves."""
-    left, bottom = real.nominal_um(*real.outline_mm[:2]) if real.side == "top" else _bottom_corner_um(real)
-    names = {}
-    for point in board.test_points():
-        for target in real.targets:
-            x_um, y_um = real.nominal_um(target.x_mm, target.y_mm)
-            if abs(x_um - left - point.x_um) + abs(y_um - bottom - point.y_um) < SAME_PLACE_UM:
-                names[point.name] = target.name
-    missing = [point.name for point in board.test_points() if point.name not in names]
-    if missing:
-        raise ValueError(f"the simulated station has no target where the board file has {', '.join(missing)}")
-    return names
+def not_there(board: Board, real: RealBoard) -> list[str]:
+    """Name the points at which the simulated station has no bare metal of the point's net."""
+    surface = Surface(real)
+    return [point.name for point in board.test_points() if not _is_there(point, surface, real)]
 
 
-def _bottom_corner_um(real: RealBoard) -> tuple[float, float]:
-    """Return the lower left corner as seen from below: the outline's lower right one."""
-    return real.nominal_um(real.outline_mm[2], real.outline_mm[1])
+def _is_there(point: BoardPoint, surface: Surface, real: RealBoard) -> bool:
+    x0_mm, y0_mm, x1_mm, _ = real.outline_mm
+    across_mm = point.x_um / 1e3
+    spot = surface.at(x0_mm + across_mm if real.side == "top" else x1_mm - across_mm, y0_mm + point.y_um / 1e3)
+    in_hole = spot.what == "hole" and spot.away_um is not None and spot.away_um < HOLE_UM
+    return (spot.what == "metal" or in_hole) and same_net(spot.net, point.net)
 
 
 def processor_ms(pid: int) -> float:

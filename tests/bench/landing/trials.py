@@ -15,6 +15,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from daemon.tools.demo.true_place import same_net
+
 STEP_DEG = 0.05625
 """The head's step: 512 increments of its drive."""
 ALLOWED_DEG = (0.0, 100.0), (140.0, 360.0)
@@ -52,8 +54,18 @@ class Question:
 
 
 @dataclass(frozen=True)
+class Landed:
+    """What is under the tip, by the truth: `metal` with net, pin and distance to its edge, or what else."""
+
+    what: str
+    net: str | None = None
+    pin: str | None = None
+    inside_um: float | None = None
+
+
+@dataclass(frozen=True)
 class Trial:
-    """One trial and the truth of it: tip minus pad in the robot frame, um; None where it never came to that."""
+    """One trial and the truth of it: tip minus pad in the board's frame, um; None where it never came to that."""
 
     seed: int
     index: int
@@ -79,6 +91,10 @@ class Trial:
     """The daemon's own word; nothing is judged by it."""
     pictures: str | None = None
     """Folder of the pictures, kept when the correction failed."""
+    net: str = ""
+    """Net of the point that was asked for."""
+    on: Landed | None = None
+    """What was under the tip after the correction."""
 
     @property
     def first(self) -> float:
@@ -94,6 +110,12 @@ class Trial:
     def after(self) -> float:
         """Length of the error where the correction left the tip, whatever it answered."""
         return length(self.after_um)
+
+    @property
+    def wrong(self) -> bool:
+        """Whether success was said over metal of another net."""
+        on = self.on
+        return self.error is None and on is not None and on.what == "metal" and not same_net(on.net, self.net)
 
     @property
     def corrected(self) -> float:
@@ -160,6 +182,8 @@ def from_line(line: str) -> Record:
         if what != "trial":
             raise ValueError(f"what is {what!r}")
         ways = ("offset_um", "first_um", "before_um", "after_um")
+        if raw.get("on") is not None:
+            raw["on"] = Landed(**raw["on"])
         return Trial(**raw | {name: tuple(raw[name]) if raw[name] is not None else None for name in ways})
     except (AttributeError, KeyError, TypeError, ValueError) as exc:
         raise ValueError(f"no record of a landing campaign: {line[:80]!r} ({exc})") from exc

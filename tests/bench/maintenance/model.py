@@ -20,7 +20,9 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
+from daemon.domain.point_test import PointRecord, PointVerdict, Rung
 from daemon.domain.results import ErrorBody, JobResult
+from daemon.maintenance.contact_signals import Contacts
 from daemon.maintenance.panel import Row
 from daemon.maintenance.signals import AxisWords, Landings, Numbers, Step, of_axes, of_ending, of_looks
 from tests.bench.maintenance.wrong import SHARE, Wrong
@@ -41,6 +43,10 @@ BOARD_UM, HEIGHT_UM, NEST_UM, ALIGNED_UM = (18.0, -16.0), 15.0, 12.0, 4.0
 TOLERANCE_UM = 15.0
 FAR_OUT = 0.02
 """Share of numbers that are far out: a glint, an edge of something else beside the needle."""
+RUNG_SHARES = ((Rung.LOOK, 0.05), (Rung.REFERENCE, 0.002), (Rung.SECOND_SITE, 0.001))
+"""Shares of points that need them: misplaced as in the thesis, debris, stubborn films; films stand in `Wrong`."""
+NO_CONTACT, REFERENCE_OHM = 0.003, 0.02
+"""Share of points without contact; sigma of the reference pad's readings, one a board."""
 REQUESTS_A_S, FRAMES_A_S = 12.0, 15.0
 START = datetime(2026, 11, 1, 6, tzinfo=UTC)
 
@@ -73,6 +79,7 @@ class StationModel:
 
     def __init__(self, seed: int, service: int = 0) -> None:
         self._random = random.Random(seed)
+        self._contact = random.Random(seed + 1_000_000)  # of its own: all else is drawn as before there were points
         self._landings = Landings(PHASE_DEG)
         self._aligns, self._service = seed % 2 == 0, service
         self.touches = self._jobs = self._served = 0
@@ -141,6 +148,29 @@ class StationModel:
         self.touches += TOUCHES_A_REPORT
         numbers: Numbers = {"correction_share": [float(corrections), float(TOUCHES_A_REPORT)]}
         yield Row(self._at(), self.touches, "", numbers, dict(self.bases))
+        yield Row(self._at(), self.touches, "", self._points(wrong), dict(self.bases))
+
+    def _points(self, wrong: Wrong) -> Numbers:
+        """Draw the points of a run: most pass at once, the others come to their verdict by one rung or none."""
+        contacts, draw = Contacts(), self._contact.random
+        for number in range(TOUCHES_A_REPORT):
+            verdict, rung = PointVerdict.PASS_FIRST, None
+            for one, share in ((Rung.PUMP, wrong.films), *RUNG_SHARES):
+                if draw() < share * self._badness:
+                    verdict, rung = PointVerdict.PASS_RECOVERED, one
+            if draw() < NO_CONTACT:
+                verdict, rung = PointVerdict.CONTACT_NOT_MADE, None
+            contacts.add(
+                PointRecord(
+                    point=str(number), net=None, board_id=None, method="continuity", limits=None, verdict=verdict,
+                    recovered_by=rung, seconds=1.0, at=self._at(),
+                )
+            )  # fmt: skip
+        if self.touches % TOUCHES_A_BOARD == 0:
+            far_out = self._contact.random() < FAR_OUT
+            ohm = wrong.reference_ohm + self._contact.gauss(0.0, REFERENCE_OHM) * (5.0 if far_out else 1.0)
+            contacts.add_step({"on": "reference pad", "ohm": ohm})
+        return contacts.take()
 
     def _correction(self, wrong: Wrong, day: float) -> Row:
         self._jobs += 1

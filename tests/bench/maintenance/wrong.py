@@ -43,6 +43,10 @@ class Wrong:
     probe_touches: float = 100.0
     share: float = SHARE
     failures: tuple[tuple[str, float], ...] = FAILURES
+    films: float = 0.04
+    """Share of points whose film one press does not break."""
+    reference_ohm: float = 0.2
+    """What the needle reads on the reference pad."""
 
 
 Course = Callable[[int], Wrong]
@@ -105,4 +109,8 @@ PLANTED: Mapping[str, Planted] = {
                    "pictures_unusable"),
     "dirt": _plant("a third of the corrections cannot decide on a pad", lambda _t: _fails("ambiguous", 0.33),
                    "pads_not_found"),
+    "blunt needle": _plant("films that one press does not break, 4 -> 15 % at once", lambda _t: Wrong(films=0.15),
+                           "first_touch_misses", "recovered_by_pump"),
+    "dirty needle": _plant("reads 0.1 ohm more in 1000 touches", lambda t: Wrong(reference_ohm=0.2 + 1e-4 * t),
+                           "reference_ohms"),
 }  # fmt: skip

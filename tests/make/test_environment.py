@@ -1,0 +1,117 @@
+"""The Makefile's environment: a broken or too old one is said with the command to type, and is mended afterwards."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+MAKE_ENVIRONMENT, INSTALL = ROOT / "requirements" / "environment.sh", ROOT / "requirements" / "install.sh"
+TOO_OLD = '#!/bin/sh\ncase "$1" in --version) echo Python 3.10.9;; *) exit 1;; esac\n'
+NO_ENSUREPIP = f'#!/bin/sh\ncase "$2" in *ensurepip*) exit 1;; esac\nexec {sys.executable} "$@"\n'
+NO_INDEX = (
+    "#!/bin/sh\necho 'NewConnectionError: Failed to establish a new connection: Name or service not known'\nexit 1\n"
+)
+
+NOT_TRUSTED = (
+    "#!/bin/sh\necho 'Max retries exceeded (Caused by SSLError(SSLCertVerificationError(1, "
+    '"[SSL: CERTIFICATE_VERIFY_FAILED] certificate verify failed: self-signed certificate"\'\nexit 1\n'
+)
+
+
+def _script(path: Path, text: str) -> Path:
+    path.write_text(text)
+    path.chmod(0o755)
+    return path
+
+
+def _made(folder: Path, python: Path | str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        ["/bin/sh", str(MAKE_ENVIRONMENT), str(folder / "venv")],
+        env={**os.environ, "PYTHON": str(python)}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+
+
+def test_a_python_that_is_too_old_is_named_with_the_command_that_brings_another(tmp_path: Path) -> None:
+    made = _made(tmp_path, _script(tmp_path / "python3", TOO_OLD))
+    assert made.returncode == 1
+    assert "needs Python 3.11 or newer; found is Python 3.10.9" in made.stderr
+    assert "apt-get install -y python3.11" in made.stderr
+    assert not (tmp_path / "venv").exists()
+
+
+def test_without_ensurepip_the_package_is_named_and_nothing_half_made_is_left(tmp_path: Path) -> None:
+    made = _made(tmp_path, _script(tmp_path / "python3", NO_ENSUREPIP))
+    assert made.returncode == 1
+    version = ".".join(str(part) for part in sys.version_info[:2])
+    assert f"apt-get install -y python{version}-venv" in made.stderr
+    assert not (tmp_path / "venv").exists()
+
+
+@pytest.mark.parametrize("left", ["an empty folder", "a Python that is gone", "no pip"])
+def test_what_was_left_half_made_is_made_anew(tmp_path: Path, left: str) -> None:
+    venv = tmp_path / "venv"
+    if left == "an empty folder":
+        venv.mkdir()
+    else:
+        subprocess.run([sys.executable, "-m", "venv", "--without-pip", str(venv)], check=True)
+    if left == "a Python that is gone":
+        for python in (venv / "bin").glob("python*"):
+            python.unlink()
+        (venv / "bin" / "python").symlink_to(tmp_path / "gone")
+    made = _made(tmp_path, sys.executable)
+    assert made.returncode == 0, made.stderr
+    assert "it is made anew" in made.stdout
+    assert subprocess.run([venv / "bin" / "python", "-m", "pip", "--version"], check=False).returncode == 0
+    again = _made(tmp_path, sys.executable)
+    assert (again.returncode, again.stdout) == (0, ""), "a good one is left alone"
+
+
+@pytest.mark.parametrize(("trouble", "told"), [(NO_INDEX, "no network"), (NOT_TRUSTED, "export PIP_CERT=")])
+def test_an_index_that_cannot_be_reached_is_told_with_what_to_do(tmp_path: Path, trouble: str, told: str) -> None:
+    pip = _script(tmp_path / "python", trouble)
+    said = subprocess.run(["/bin/sh", str(INSTALL), str(pip), "-r", "x"], capture_output=True, text=True, check=False)
+    assert said.returncode == 1
+    assert told in said.stderr
+    assert "-> type:" in said.stderr
+
+
+@pytest.mark.parametrize("lacking", ["", "3.12 aarch64", "3.13 x86_64"])
+def test_the_check_of_requirements_names_each_python_and_processor_that_cannot_have_them(
+    tmp_path: Path, lacking: str
+) -> None:
+    """What is asked is: all hashes, wheels alone. Nothing is installed."""
+    version, _, machine = lacking.partition(" ")
+    asked_for = f"--python-version {version} --python-platform {machine}-"
+    refuse = f'case "$*" in *"{asked_for}"*) echo "no wheel of it"; exit 1;; esac'
+    asked = 'case "$*" in *--dry-run*--require-hashes*--only-binary*) ;; *) exit 1;; esac'
+    uv = _script(tmp_path / "uv", f"#!/bin/sh\n{asked}\n{refuse if lacking else ''}\n")
+    (tmp_path / "some.txt").touch()
+    resolve = ["/bin/sh", str(INSTALL.with_name("resolve.sh")), str(uv), str(tmp_path / "some.txt")]
+    done = subprocess.run(resolve, capture_output=True, text=True, check=False)
+    assert done.returncode == (1 if lacking else 0)
+    good = {line.removeprefix("some.txt: Python ").removesuffix(": good") for line in done.stdout.splitlines()}
+    promised = {f"{python} on {cpu}" for python in ("3.11", "3.12", "3.13") for cpu in ("x86_64", "aarch64")}
+    assert good == promised - {lacking.replace(" ", " on ")}
+    if lacking:
+        assert f"Python {version} on {machine}: cannot be had\n    no wheel of it" in done.stderr
+
+
+def test_a_stamp_over_a_broken_environment_counts_no_longer(tmp_path: Path) -> None:
+    """Make would think all is installed, and the command would fail with a traceback of Python's."""
+    shutil.copy(ROOT / "Makefile", tmp_path)
+    (tmp_path / "requirements").mkdir()
+    for name in ("dev.txt", "bench.txt"):
+        (tmp_path / "requirements" / name).touch()
+    (tmp_path / "pyproject.toml").touch()
+    (tmp_path / ".venv" / "bin").mkdir(parents=True)
+    (tmp_path / ".venv" / ".installed").touch()
+    make = shutil.which("make")
+    assert make is not None
+    planned = subprocess.run([make, "-n", "lint"], cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+    assert "requirements/environment.sh .venv" in planned
