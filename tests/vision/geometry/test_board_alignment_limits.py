@@ -42,7 +42,8 @@ def test_a_residual_as_large_as_the_limit_is_taken_and_a_larger_one_is_not() -> 
 
 
 def test_without_a_limit_told_a_residual_may_be_40_um() -> None:
-    aside = np.array([(1.0, 0.0), (-1.0, 0.0), (1.0, 0.0), (-1.0, 0.0)])  # neither turn nor scale nor shift explains it; which one is named is a tie
+    # Neither turn nor scale nor shift explains it, and all four are as far off: which one is named is left open.
+    aside = np.array([(1.0, 0.0), (-1.0, 0.0), (1.0, 0.0), (-1.0, 0.0)])
     board = np.array([(0.0, 0.0), (40000.0, 0.0), (40000.0, 40000.0), (0.0, 40000.0)])
     assert np.linalg.norm(_align(board, board + 39.5 * aside).residuals_um, axis=1) == pytest.approx([39.5] * 4)
     with pytest.raises(ValueError, match=r"F\d is left 4\d um off \(limit 40 um\)"):
