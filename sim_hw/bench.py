@@ -19,6 +19,9 @@ class Bench(Protocol):
     def truth(self) -> dict[str, Any]:
         """Return the truth record of now."""
 
+    def head(self) -> dict[str, Any]:
+        """Return the truth record of now, of the head alone."""
+
     def circuit(self) -> dict[str, Any]:
         """Return harness, closed channels, broken and shorted nets."""
 
@@ -51,6 +54,7 @@ class BenchServer:
         self._commands: dict[str, Callable[[dict[str, Any]], Mapping[str, Any] | Awaitable[Mapping[str, Any]]]] = {
             "status": _plain(bench.status),
             "truth": _plain(bench.truth),
+            "head": _plain(bench.head),
             "circuit": _plain(bench.circuit),
             "pads": _plain(bench.pads),
             "board": lambda request: _lay_board(bench, request),

@@ -30,7 +30,7 @@ from sim_hw.plant.faults import Faults
 from sim_hw.plant.knobs import Knobs
 from sim_hw.plant.plant import Placement, Plant
 from sim_hw.scene.collision import hits_between
-from sim_hw.truth import TruthLog, hit_record, truth_record
+from sim_hw.truth import TruthLog, head_record, hit_record, truth_record
 
 RELAY_ADDRESS = 5
 DENT_RADIUS_UM = (22.0, 34.0)
@@ -164,13 +164,13 @@ class Station:
         """Return the truth record of now."""
         t_s = self.clock.now_s()
         self._update(t_s)
-        state = self.plant.state_at(t_s)
-        return {
-            **truth_record(self.plant, self.board.targets, t_s, self.nest),
-            "moving": state.moving,
-            "white": state.white,
-            "red": state.red,
-        }
+        return {**truth_record(self.plant, self.board.targets, t_s, self.nest), **self._motion_and_light(t_s)}
+
+    def head(self) -> dict[str, Any]:
+        """Return the truth record of now without what lies about the tip: that is most of its cost."""
+        t_s = self.clock.now_s()
+        self._update(t_s)
+        return {**head_record(self.plant, t_s), **self._motion_and_light(t_s)}
 
     def pads(self) -> dict[str, Any]:
         """Return the pins and vias of the side that is up: names, nets and CAD places."""
@@ -238,6 +238,10 @@ class Station:
         asyncio.get_running_loop().call_later(0.05, self._end.set)
 
     # --- inside
+
+    def _motion_and_light(self, t_s: float) -> dict[str, Any]:
+        state = self.plant.state_at(t_s)
+        return {"moving": state.moving, "white": state.white, "red": state.red}
 
     def _lay(self, nest: InNest) -> None:
         self.nest = nest

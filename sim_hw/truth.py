@@ -43,6 +43,21 @@ class RoundTarget(Protocol):
         """Return the CAD place of its centre."""
 
 
+def head_record(plant: Plant, t_s: float) -> dict[str, Any]:
+    """Return what is true of the head alone at a time: time, axes, tip, and how far the pin is pushed in."""
+    state = plant.state_at(t_s)
+    tip_x_um, tip_y_um = state.tip_x_um, state.tip_y_um
+    if plant.faults.on("bent"):
+        bend_x_um, bend_y_um = bend_um(float(plant.faults.get("bent")["px"]), state.theta_deg)
+        tip_x_um, tip_y_um = tip_x_um + bend_x_um, tip_y_um + bend_y_um
+    return {
+        "t_s": t_s,
+        "axes": {"x_um": state.x_um, "y_um": state.y_um, "z_um": state.z_um, "theta_deg": state.theta_deg},
+        "tip_um": [tip_x_um, tip_y_um, state.tip_height_um],
+        "pressed_um": state.pressed_um,
+    }
+
+
 def truth_record(
     plant: Plant, targets: Iterable[RoundTarget], t_s: float, nest: InNest | None = None
 ) -> dict[str, Any]:
@@ -51,11 +66,8 @@ def truth_record(
     The height in `tip_um` is that of the pin's end, 0 when it is pressed; `pressed_um` is how far it is pushed in.
     With what lies in the nest the record also says where on the board the tip is, and over what.
     """
-    state = plant.state_at(t_s)
-    tip_x_um, tip_y_um = state.tip_x_um, state.tip_y_um
-    if plant.faults.on("bent"):
-        bend_x_um, bend_y_um = bend_um(float(plant.faults.get("bent")["px"]), state.theta_deg)
-        tip_x_um, tip_y_um = tip_x_um + bend_x_um, tip_y_um + bend_y_um
+    head = head_record(plant, t_s)
+    tip_x_um, tip_y_um, _ = head["tip_um"]
     near: list[dict[str, Any]] = []
     places = [(target.name, plant.to_real_um(target.x_mm, target.y_mm)) for target in targets]
     if plant.card is not None:
@@ -65,13 +77,7 @@ def truth_record(
         error_um = math.hypot(dx_um, dy_um)
         if error_um <= REACH_UM:
             near.append({"name": name, "dx_um": dx_um, "dy_um": dy_um, "error_um": error_um})
-    record: dict[str, Any] = {
-        "t_s": t_s,
-        "axes": {"x_um": state.x_um, "y_um": state.y_um, "z_um": state.z_um, "theta_deg": state.theta_deg},
-        "tip_um": [tip_x_um, tip_y_um, state.tip_height_um],
-        "pressed_um": state.pressed_um,
-        "targets": sorted(near, key=lambda item: item["error_um"]),
-    }
+    record: dict[str, Any] = {**head, "targets": sorted(near, key=lambda item: item["error_um"])}
     return record if nest is None else {**record, **_on_board(plant, nest, (tip_x_um, tip_y_um))}
 
 

@@ -161,6 +161,17 @@ def test_the_bench_moves_the_card_and_makes_an_axis_slip(station: Running) -> No
     assert station.bench(cmd="fault", name="slip", on=True, axis="z")["ok"] is False
 
 
+def test_the_head_is_told_as_in_the_truth_without_what_lies_about_the_tip(station: Running) -> None:
+    truth, head = station.bench(cmd="truth"), station.bench(cmd="head")
+    left_out = {"targets", "side", "cad_mm", "board_um", "on", "pads"}
+    assert set(truth) - set(head) == left_out
+    assert head["t_s"] > truth["t_s"]
+    for lamp in ("white", "red"):
+        assert head[lamp] == pytest.approx(truth[lamp], abs=0.2), "it may still glow"
+    for name in ("axes", "tip_um", "pressed_um", "moving"):
+        assert head[name] == truth[name], name
+
+
 def test_the_bench_turns_knobs_and_power(station: Running) -> None:
     assert station.bench(cmd="set", name="board_dx_um", value=50.0) == {"ok": True}
     station.write(4, 0x2400, 0x20, struct.pack("<i", 7))

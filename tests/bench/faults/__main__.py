@@ -36,8 +36,9 @@ def arguments(argv: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--seed", type=int, default=1)
     for part in PARTS:
         parser.add_argument(f"--{part}", type=int, default=COUNTS[part], help=f"(default: {COUNTS[part]})")
-    parser.add_argument("--stations", type=int, default=2, help="that share the work, seed by seed (default: 2)")
-    parser.add_argument("--workers", type=int, default=2, help="stations at a time (default: 2)")
+    # More than there are cores: half of an item is waiting, for a lamp that should stay dark or a head on its way.
+    parser.add_argument("--stations", type=int, default=3, help="that share the work, seed by seed (default: 3)")
+    parser.add_argument("--workers", type=int, default=3, help="stations at a time (default: 3)")
     parser.add_argument("--speed", type=float, default=5.0, help="of the simulated time (default: 5)")
     parser.add_argument("--only", metavar="PART:NUMBER", help="one item, with the same dice; the counts as they were")
     return parser.parse_args(argv)

@@ -66,7 +66,7 @@ class Station:
         self.rig.session(self.client, self._seed).set_up()
 
     def truth(self) -> Truth:
-        return Truth.of(self.rig.truth())
+        return Truth.of(self.rig.head())
 
     # --- what is asked
 

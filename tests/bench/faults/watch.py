@@ -61,7 +61,7 @@ class Watch:
         with closing(DemoBench(self._rig.places.socket("bench"))) as bench:
             while not self._end.wait(TRUTH_EVERY_S):
                 slipped = "slip" in self.held
-                truth = Truth.of(bench.ask("truth"), slipped=slipped)
+                truth = Truth.of(bench.ask("head"), slipped=slipped)
                 with self._lock:
                     self._truths.append(truth)
 
@@ -69,11 +69,11 @@ class Watch:
         with closing(DemoBench(self._rig.places.socket("bench"))) as bench, self._rig.client(STATUS_WITHIN_S) as client:
             while not self._end.wait(STATUS_EVERY_S):
                 held = self.held
-                before = Truth.of(bench.ask("truth"))
+                before = Truth.of(bench.ask("head"))
                 status = _status(client)
                 if status is None or held != self.held:
                     continue
-                glance = Glance(time.monotonic(), before, status, Truth.of(bench.ask("truth")), held)
+                glance = Glance(time.monotonic(), before, status, Truth.of(bench.ask("head")), held)
                 with self._lock:
                     self._glances.append(glance)
 
