@@ -167,7 +167,7 @@ class LimitHit(MotionError):
     Examples: a lost reference after a collision, a limit switch stuck closed.
     """
 
-    default_advice = "Free the axis by hand or with a short move away from the switch, then home again."
+    default_advice = "Free the axis by hand or with a short move away from the switch, then reset and home."
 
 
 class Stalled(MotionError):

@@ -74,7 +74,7 @@ def restore(
         if not as_json:
             err.print(f"{archive}: station {manifest.station}, made {manifest.made_at}", markup=False, soft_wrap=True)
         if not yes:
-            typer.confirm(f"put it in the place of {config} and of what that names?", abort=True, err=True)
+            _require_yes(f"put it in the place of {config} and of what that names?")
         restored = put_back(archive, config, other_station=other_station, with_keys=with_keys)
     except BackupError as exc:
         fail(str(exc), advice=exc.advice)
@@ -100,3 +100,14 @@ def _say(manifest: Manifest) -> None:
 
 def _as_file_name(name: str) -> str:
     return "".join(letter if letter.isalnum() or letter in "-_" else "_" for letter in name)
+
+
+def _require_yes(question: str) -> None:
+    """End unless a person says yes; where nobody is there to ask, say how it is done without."""
+    try:
+        said_yes = typer.confirm(question, err=True)
+    except typer.Abort:
+        err.print()
+        fail("nobody answered, and nothing was changed", advice="say --yes, and it is put back without being asked")
+    if not said_yes:
+        fail("nothing was changed", advice="call it again, and answer y")

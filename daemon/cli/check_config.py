@@ -13,7 +13,7 @@ from daemon.config.model import Config, ConfigError, load_config, unlikely
 from daemon.config.problems import Problem, Unlikely, line_of, nearest, told
 from daemon.domain.board import Board
 from daemon.domain.errors import Fault
-from daemon.station.reach import out_of_reach, outside_the_axes
+from daemon.station.reach import on_the_board, out_of_reach, outside_the_axes
 from daemon.storage.plan_store import PlanStore, plans_folder
 
 app = typer.Typer()
@@ -95,8 +95,8 @@ def _board_problems(config: Config) -> tuple[list[Problem], list[Problem]]:
     problems = [("axes", what) for what in out_of_reach(config, board)]
     if (folder := _no_folder(config.station.data_dir)) is not None:
         problems.append(("station.data_dir", f"{folder} is a file, and a folder is wanted; name another"))
-    odd = [*outside_the_axes(config, board), *_other_plans(config, board), *_foreign_nets(config, board)]
-    return problems, [*odd, *_no_keys(config)]
+    places = [*outside_the_axes(config, board), *on_the_board(config, board)]
+    return problems, [*places, *_other_plans(config, board), *_foreign_nets(config, board), *_no_keys(config)]
 
 
 def _no_folder(path: Path) -> Path | None:

@@ -103,7 +103,8 @@ def sentence(result: JobResult) -> str:
     before, after = result.error_before_um, result.error_after_um
     error = "" if before is None else f", {before:.0f} um off" if after is None else f", {before:.0f} -> {after:.0f} um"
     what = f"{result.detail['what']} " if result.op == "calibrate" and "what" in result.detail else ""
-    return f"[green]{what}{result.outcome}[/]{where}{error}, {result.looks} looks, {result.moves} moves"
+    did = [f", {n} {name}{'s'[: n != 1]}" for n, name in ((result.looks, "look"), (result.moves, "move")) if n]
+    return f"[green]{what}{result.outcome}[/]{where}{error}{''.join(did)}"
 
 
 def age(made_at: str) -> str:
@@ -115,4 +116,5 @@ def age(made_at: str) -> str:
 def calibrated(calibration: dict[str, Any]) -> str:
     """Say which calibrations are in force, and since when."""
     made = calibration.get("made_at") or {}
-    return ", ".join(f"{what} {age(at)}" for what, at in made.items()) or "nothing"
+    tip = ["tip"] if calibration.get("tip") and "tip" not in made else []
+    return ", ".join([*tip, *(f"{what} {age(at)}" for what, at in made.items())]) or "nothing"

@@ -94,6 +94,9 @@ def _show(reply: dict[str, Any]) -> None:
     learning = sum(w["state"] == "learning" for w in reply["watches"])
     alerts = f"{len(standing)} alert{'s'[: len(standing) != 1]}"
     healthy = "[green]healthy[/]" if reply["healthy"] else f"[red]{alerts}[/]"
+    if missing := reply.get("not_calibrated"):
+        cure = " and ".join(f"`reprobe calibrate {kind}`" for kind in missing)
+        healthy = f"[red]not calibrated[/]: it corrects nothing before {cure}; {alerts}"
     if fault := reply.get("fault"):
         cure = escape(as_commands(fault["advice"]))
         healthy = f"[red]in fault: {fault['name']}[/], {escape(fault['message'])} -> {cure}; {alerts}"

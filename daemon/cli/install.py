@@ -22,7 +22,10 @@ DEVICES = (
         "editor /etc/udev/rules.d/70-reprobe.rules && udevadm control --reload && udevadm trigger",
         "your adapters' numbers; afterwards: ls -l /dev/reprobe-*",
     ),
-    ("cp /etc/reprobe/station.example.toml /etc/reprobe/station.toml", "put in your own numbers"),
+    (
+        "cp /etc/reprobe/station.example.toml /etc/reprobe/station.toml",
+        "put in your own numbers; or `reprobe setup` instead: it asks for all that follows, and calibrates",
+    ),
     ("reprobe board CAD_FOLDER -o /etc/reprobe/board.json", "the board under test"),
     ("reprobe check-config /etc/reprobe/station.toml", "every mistake at once"),
 )

@@ -34,6 +34,7 @@ class Step:
     of_station: Callable[[Setup, Daemon], Any] | None = None
 
 
+HOMING = "Z up to its switch first, then X, Y and the head's angle to theirs, slowly."
 _LOOKS = "the head, at working height over the board, to many places; lamps flash"
 STEPS = (
     Step("name", "Name and folder", None, file_steps.name_it),
@@ -44,8 +45,7 @@ STEPS = (
     Step("sockets", "Sockets", None, file_steps.sockets),
     Step("check", "Check of the whole file", None, file_steps.check),
     Step("start", "Start of the daemon", None, of_station=station_steps.start),
-    Step("home", "Homing", "Z up to its switch first, then X, Y and the head's angle to theirs, slowly.",
-         of_station=station_steps.home),
+    Step("home", "Homing", HOMING, of_station=station_steps.home),
     Step("directions", "Directions and scale",
          "the head beside the board, down to working height; then 5 mm in X, 5 mm in Y, 10 degrees, and Z up.",
          of_station=station_steps.directions),
@@ -94,7 +94,7 @@ def setup(
             for number, step in enumerate(steps, 1):
                 if step.name in notes.done and only is None:
                     guided.dialogue.say(f"== {number} of {len(steps)}: {step.title}: done before")
-                elif not _do(step, f"{number} of {len(steps)}: {step.title}", guided, daemon):
+                elif not do_step(step, f"{number} of {len(steps)}: {step.title}", guided, daemon):
                     skipped.append(step.name)
     except (Quit, KeyboardInterrupt):
         guided.dialogue.say(f"\nEnded here. `reprobe setup -c {config}` goes on where this was.")
@@ -104,11 +104,14 @@ def setup(
     _farewell(guided, skipped)
 
 
-def _do(step: Step, title: str, guided: Setup, daemon: Daemon) -> bool:
+def do_step(step: Step, title: str, guided: Setup, daemon: Daemon) -> bool:
     """Do one step, again as long as the person wants; return whether it is done."""
     choice = guided.dialogue.before(title, step.moves)
+    failed = False
     while choice == "go":
         try:
+            if failed and step.of_station is not None:
+                station_steps.recover(guided, daemon, HOMING)
             if step.of_file is not None:
                 step.of_file(guided)
             if step.of_station is not None:
@@ -116,6 +119,7 @@ def _do(step: Step, title: str, guided: Setup, daemon: Daemon) -> bool:
             guided.dialogue.notes.note_done(step.name)
             return True
         except StepFailed as failure:
+            failed = True
             choice = guided.dialogue.after_failure(failure)
     if choice == "quit":
         raise Quit

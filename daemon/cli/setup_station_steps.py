@@ -19,7 +19,7 @@ from daemon.domain.results import JobResult
 from daemon.tools.demo.processes import Process, StartError, wait_for_daemon
 from daemon.tools.setup import corrected_increments, read_value
 
-ASK_WITHIN_S, LONG_S = 5.0, 3600.0
+ASK_WITHIN_S, RESET_S, LONG_S = 5.0, 30.0, 3600.0
 TRIAL_UM, TRIAL_DEG = 5000.0, 10.0
 CLOSE = 0.02
 """A measured move that is this near to what was asked for needs no correction: a ruler is no better."""
@@ -72,6 +72,20 @@ class Daemon:
             self._own.end()
             self._own = None
 
+    def reset(self) -> bool:
+        """Clear a fault whose cause is gone; return whether the axes are homed, raise `StepFailed` if it stays."""
+        self.start()
+        try:
+            with Client(self.endpoint, timeout_s=RESET_S) as client:
+                client.request("reset")
+        except Refused as exc:
+            if exc.error["name"] == "not_homed":
+                return False
+            raise StepFailed(exc.error["message"], as_commands(exc.error["advice"])) from exc
+        except NoAnswer as exc:
+            raise StepFailed(str(exc), "see that the daemon runs, then try again") from exc
+        return True
+
     def job(self, op: str, **fields: Any) -> JobResult:
         """Do a short job; raise `StepFailed` if it fails."""
         self.start()
@@ -110,14 +124,16 @@ def start(_setup: Setup, daemon: Daemon) -> None:
 
 def home(_setup: Setup, daemon: Daemon) -> None:
     """Home all axes."""
-    daemon.start()
-    try:
-        with Client(daemon.endpoint, timeout_s=30.0) as client:
-            client.request("reset")
-    except Refused as exc:
-        if exc.error["name"] != "not_homed":
-            raise StepFailed(exc.error["message"], as_commands(exc.error["advice"])) from exc
+    daemon.reset()
     daemon.job("home")
+
+
+def recover(setup: Setup, daemon: Daemon, homing: str) -> None:
+    """Clear what a failed step left, before it is tried again; `homing`: what moves where the axes are to be homed."""
+    if not daemon.reset():
+        if setup.dialogue.before("Homing, which the failure has undone", homing) != "go":
+            raise StepFailed("the axes are not homed", "try again, and let them be homed")
+        daemon.job("home")
 
 
 def directions(setup: Setup, daemon: Daemon) -> None:

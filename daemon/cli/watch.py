@@ -20,6 +20,8 @@ from daemon.domain.results import JobResult
 app = typer.Typer()
 TOPICS = ("state", "result", "alert", "progress", "contact", "log")
 ASK_WITHIN_S, TURN_S, REFRESH_S = 1.0, 0.25, 5.0
+NO_PAST_ALERT = 2**62
+"""No alert has so high a number: those that stand are asked for, not those that were."""
 RECENT_EVENTS = 300
 """Results among so many last events are shown at the beginning."""
 
@@ -37,7 +39,7 @@ def watch(
         if lines or as_json or topic or count or not out.is_terminal:
             _print_lines(endpoint, tuple(topic) if topic else TOPICS, count, as_json=as_json)
         else:
-            view = WatchView()
+            view = WatchView(endpoint=endpoint)
 
             def drawn() -> RenderableType:
                 return view.render(time.monotonic(), out.width, out.height)
@@ -68,23 +70,25 @@ def follow(endpoint: str, view: WatchView, shown: Callable[[], Any]) -> None:
         while (events := _ask(client, "describe")) is None:
             shown()
         with Subscription(events["events"]) as heard:
-            _refresh(client, view)
-            _refresh(client, view, since=max(0, (view.next_seq or 0) - RECENT_EVENTS))
+            refresh(client, view)
+            refresh(client, view, since=max(0, (view.next_seq or 0) - RECENT_EVENTS))
             asked_s = time.monotonic()
             while True:
                 event = heard.next(TURN_S)
                 expected = view.next_seq
                 stale = event is not None and view.take(event, time.monotonic())
                 if stale or time.monotonic() - asked_s > REFRESH_S:
-                    _refresh(client, view, since=expected if stale else None)
+                    refresh(client, view, since=expected if stale else None)
                     asked_s = time.monotonic()
                 shown()
 
 
-def _refresh(client: Client, view: WatchView, since: int | None = None) -> None:
-    """Ask for the whole picture, and for the results that were missed."""
-    snapshot = _ask(client, "snapshot")
+def refresh(client: Client, view: WatchView, since: int | None = None) -> None:
+    """Ask for the whole picture, with the alerts that stand, and for the results that were missed."""
+    snapshot, alerts = _ask(client, "snapshot"), _ask(client, "alerts", since=NO_PAST_ALERT, limit=1)
     if snapshot is not None:
+        if alerts is not None:
+            snapshot["alerts"] = alerts["standing"]
         view.take_snapshot(snapshot, time.monotonic())
     if since is not None and (replay := _ask(client, "results", since=since)) is not None:
         for result in replay["results"]:

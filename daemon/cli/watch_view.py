@@ -21,6 +21,8 @@ RESULTS, SILENT_S, LATE = 8, 3.5, 50
 CLOCK = len("23:59:59")
 FRAMES, MOST_ALERTS = 4, 4
 """Lines of the two frames; alerts that are spelled out."""
+LEAST_RESULTS = 3
+"""Lines of results for which alerts go without their cures."""
 FRAME = 4
 """Columns of one frame."""
 COLOUR = {"idle": "green", "fault": "red"}
@@ -38,6 +40,9 @@ class WatchView:
     calibration: dict[str, Any] = field(default_factory=dict)
     links: dict[str, Any] = field(default_factory=dict)
     alerts: dict[str, str] = field(default_factory=dict)
+    cures: dict[str, str] = field(default_factory=dict)
+    """What to do about each alert, by its name."""
+    endpoint: str = ""
     results: deque[JobResult] = field(default_factory=lambda: deque(maxlen=RESULTS))
     version: str = ""
     next_seq: int | None = None
@@ -59,6 +64,7 @@ class WatchView:
         standing = snapshot.get("alerts")
         if standing is not None:
             self.alerts = {alert["name"]: alert["message"] for alert in standing}
+            self.cures = {alert["name"]: alert.get("advice", "") for alert in standing}
         if self.next_seq is None:
             self.next_seq = snapshot["next_seq"]
         if snapshot["last_result"]:
@@ -89,6 +95,7 @@ class WatchView:
                 self.running = {"id": event["job"], "op": event["op"], "progress": progress}
             case "alert" if event.get("raised"):
                 self.alerts[event["name"]] = str(event.get("message", ""))
+                self.cures[event["name"]] = str(event.get("advice", ""))
             case "alert":
                 self.alerts.pop(event["name"], None)
             case "heartbeat":
@@ -133,8 +140,12 @@ class WatchView:
 
     def render(self, now_s: float, width: int = 80, height: int = 24) -> RenderableType:
         """Draw it for a terminal of so many columns and lines; what is wrong now stands above what was."""
-        above = [self._headline(now_s), self._alerts(), self._job()]
-        health = self._health()
+        if self.heard_s is None:
+            # Nothing is known: neither that all is well nor that anything is wrong
+            return Panel(self._headline(now_s), title="reprobe")
+        above, health = [self._headline(now_s), self._alerts(cures=True), self._job()], self._health()
+        if FRAMES + LEAST_RESULTS + sum(_height(part, width) for part in (*above, health)) > height:
+            above[1] = self._alerts(cures=False)
         taken = FRAMES + sum(_height(part, width) for part in (*above, health))
         room = max(1, height - taken)
         newest = self._newest()
@@ -146,8 +157,10 @@ class WatchView:
         return Panel(Group(*parts), title=f"reprobe {escape(self.station)}", subtitle=self.version)
 
     def _headline(self, now_s: float) -> str:
+        start = "start it: `systemctl start reprobe`, or name its --endpoint"
         if self.heard_s is None:
-            return "[yellow]no daemon answers yet[/]"
+            at = f" at {escape(self.endpoint)}" if self.endpoint else ""
+            return f"[yellow]no daemon answers{at} yet[/] -> {start}"
         text = f"[bold {COLOUR.get(self.state, 'cyan')}]{self.state}[/]"
         if self.fault:
             cause = f"[red]{self.fault['name']}[/]: {escape(self.fault['message'])}"
@@ -156,7 +169,10 @@ class WatchView:
             text += " [red]of a cause that is being asked for[/]"
         text += f", {self.queued} waiting" if self.queued else ""
         silent_s = now_s - self.heard_s
-        return text if silent_s <= SILENT_S else f"{text}\n[yellow]nothing heard for {silent_s:.0f} s[/]"
+        if silent_s <= SILENT_S:
+            return text
+        why = "it has ended or hangs -> see `systemctl status reprobe`"
+        return f"[yellow]nothing heard for {silent_s:.0f} s[/]: {why}\n[dim]before that:[/] {text}"
 
     def _job(self) -> RenderableType:
         if self.running is None:
@@ -191,7 +207,7 @@ class WatchView:
         shown = Group(newest, table) if newest is not None else table
         return Panel(shown, title="last results", title_align="left")
 
-    def _alerts(self) -> str:
+    def _alerts(self, *, cures: bool) -> str:
         if not self.alerts:
             # Green is for a station that works
             if self.state == "fault":
@@ -199,10 +215,15 @@ class WatchView:
             failed = bool(self.results) and not self.results[-1].ok
             return "[dim]no alerts; the last job failed, see below[/]" if failed else "[green]no alerts[/]"
         standing = sorted(self.alerts.items())
-        lines = [f"[yellow]alert {escape(name)}[/]: {escape(text)}" for name, text in standing[:MOST_ALERTS]]
+        lines = [f"[yellow]alert {escape(name)}[/]: {escape(text)}{self._cure(name, wanted=cures)}"
+                 for name, text in standing[:MOST_ALERTS]]  # fmt: skip
         if len(standing) > MOST_ALERTS:
             lines.append(f"[yellow]and {len(standing) - MOST_ALERTS} more: `reprobe health`[/]")
         return "\n".join(lines)
+
+    def _cure(self, name: str, *, wanted: bool) -> str:
+        cure = self.cures.get(name)
+        return f" -> {escape(as_commands(cure))}" if wanted and cure else ""
 
     def _health(self) -> str:
         lines = [

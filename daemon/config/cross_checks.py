@@ -65,9 +65,18 @@ def _line(raw: RawValues, path: str, line: dict[str, object]) -> Iterator[Proble
         what = "it has both" if "port" in line else "it has neither"
         yield path, f"give either port or host: {what}"
     yield from _device_path(raw, f"{path}.port")
-    host, _, number = (raw.text(f"{path}.host") or "").partition(":")
-    if number.isdecimal():
+    yield from _host(path, raw.text(f"{path}.host"))
+
+
+def _host(path: str, given: str | None) -> Iterator[Problem]:
+    """Yield a host with what does not belong to its name: a scheme, a port, blanks."""
+    if given is None or not (found := re.fullmatch(r"\s*(?:[a-z]+://)?([^\s/:]*)(?::(\d+))?[\s/]*", given)):
+        return
+    host, number = found.groups()
+    if number is not None:
         yield f"{path}.host", f"the port stands in a key of its own: host = {host!r}, tcp_port = {number}"
+    elif host != given:
+        yield f"{path}.host", f"{given!r} is no name or number of a computer; is host = {host!r} meant?"
 
 
 def _device_path(raw: RawValues, path: str) -> Iterator[Problem]:
@@ -96,14 +105,23 @@ def _addresses(raw: RawValues) -> Iterator[Problem]:
 def _shared_ports(raw: RawValues) -> Iterator[Problem]:
     """Yield who shares a port with another: two masters on one line do harm."""
     owners: dict[str, str] = {}
+    gateways: dict[tuple[str, float | None], str] = {}
+    for name in raw.table("bus"):
+        host, port = raw.text(f"bus.{name}.host"), raw.number(f"bus.{name}.tcp_port")
+        if host is None:
+            continue
+        if (first := gateways.setdefault((host, port), name)) != name:
+            said = f"{host} with tcp_port {port:.0f} is also [bus.{first}]; one line is one [bus.NAME]"
+            yield f"bus.{name}.host", f"{said}: leave one out, or give the other port of the gateway"
     paths = [f"bus.{name}.port" for name in raw.table("bus")] + ["lights.port", "camera.device", "meter.address"]
     for path in paths:
-        port = raw.text(path)
-        if port is None or not port.startswith("/"):
+        device = raw.text(path)
+        if device is None or not device.startswith("/"):
             continue
-        if port in owners:
-            yield path, f"{port} is also {owners[port]}; each device has a port of its own, one line is one [bus.NAME]"
-        owners.setdefault(port, path)
+        if device in owners:
+            said = f"{device} is also {owners[device]}; each device has a port of its own, one line is one [bus.NAME]"
+            yield path, said
+        owners.setdefault(device, path)
 
 
 def _axes(raw: RawValues) -> Iterator[Problem]:
@@ -250,7 +268,7 @@ def _camera(raw: RawValues) -> Iterator[Problem]:
     if device is not None and not device.startswith("/") and not is_below_the_file(device):
         yield "camera.device", f"{device!r} is no path of a device; write it whole, such as '/dev/video0'"
     endpoint = raw.text("camera.endpoint")
-    if endpoint is not None and not _is_endpoint(endpoint):
+    if endpoint is not None and not is_endpoint(endpoint):
         yield "camera.endpoint", f"{endpoint!r} is no ZeroMQ endpoint: tcp://host:port or ipc:///path"
     exposure, timeout = raw.number("camera.exposure_us"), raw.number("camera.timeout_ms")
     if exposure is not None and timeout is not None and exposure / 1e3 > timeout:
@@ -260,7 +278,7 @@ def _camera(raw: RawValues) -> Iterator[Problem]:
 def _sockets(raw: RawValues) -> Iterator[Problem]:
     control, events, live = raw.text("api.control"), raw.text("api.events"), raw.text("api.live")
     for name, endpoint in (("control", control), ("events", events), ("live", live or None)):
-        if endpoint is not None and not _is_endpoint(endpoint):
+        if endpoint is not None and not is_endpoint(endpoint):
             yield f"api.{name}", f"{endpoint!r} is no ZeroMQ endpoint: tcp://127.0.0.1:5555 or ipc:///path"
     if control is not None and events is not None and _place(control) == _place(events):
         yield "api.events", f"control and events are both on {events}; each needs a port of its own, such as 5555, 5556"
@@ -272,7 +290,8 @@ def _sockets(raw: RawValues) -> Iterator[Problem]:
             yield "metrics.port", f"{port:.0f} is also the port of api.{name}; take another, or 0 for no metrics"
 
 
-def _is_endpoint(endpoint: str) -> bool:
+def is_endpoint(endpoint: str) -> bool:
+    """Tell whether a text is an endpoint of ZeroMQ."""
     found = _ENDPOINT.fullmatch(endpoint)
     return found is not None and (found["port"] in (None, "*") or 0 < int(found["port"]) <= 65535)
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 from daemon.config.problems import Problem
 from daemon.config.raw_values import RawValues
@@ -28,13 +28,34 @@ NOT_USED_BY_A_KIND = (
     ("camera", "stream", ("device",), "v4l2"),
 )
 """Table, its kind, keys that this kind does not read, the kind that does."""
+USUAL = {"station.data_dir": "/var/lib/reprobe", "board.file": "board.json", "api.keys_dir": "keys"}
+LEAST_HEAD_UM = 1000.0
+"""No head with its camera and lamps is narrower."""
+APART_UM = 1000.0
+"""Between the middles of what the needle is lowered onto beside the board."""
 SWITCH_OF_INPUT = {1: "negative limit", 2: "positive limit", 3: "home"}
 """What the drive's first inputs are wired to, as it leaves the maker."""
 
 
 def doubtful(raw: RawValues) -> Iterator[Problem]:
     """Yield what a person should look at again."""
-    for check in (_hover, _turns, _homing, _sense, _channels, _ports, _name, _folders, _unused, _on_end):
+    for check in (
+        _hover,
+        _turns,
+        _homing,
+        _sense,
+        _channels,
+        _ports,
+        _name,
+        _folders,
+        _unused,
+        _on_end,
+        _frozen,
+        _never_pressed,
+        _queue,
+        _head_in_mm,
+        _on_each_other,
+    ):
         yield from check(raw)
 
 
@@ -127,7 +148,9 @@ def _folders(raw: RawValues) -> Iterator[Problem]:
         given = raw.text(path)
         if given is None:
             continue
-        if "\\" in given or not given.isprintable():
+        if not given:
+            yield path, f"is empty, which is the folder of this file; write the path, such as {USUAL[path]}"
+        elif "\\" in given or not given.isprintable():
             yield path, f"{given!r} looks like a path of Windows; write one with /, such as /var/lib/reprobe"
         elif given.startswith("~") or "$" in given:
             yield path, f"{given!r}: ~ and $ are not replaced here; write the path whole, such as /var/lib/reprobe"
@@ -138,6 +161,11 @@ def _folders(raw: RawValues) -> Iterator[Problem]:
 
 def _unused(raw: RawValues) -> Iterator[Problem]:
     """Yield keys that belong to another kind of the same device."""
+    for name in raw.table("bus"):
+        for key in ("tcp_port", "framing"):
+            if raw.given(f"bus.{name}.port") and raw.given(f"bus.{name}.{key}"):
+                said = "is not used on a serial port: leave it out; or is host meant, instead of port = {!r}?"
+                yield f"bus.{name}.{key}", said.format(raw.at(f"bus.{name}.port"))
     for table, kind, keys, other in NOT_USED_BY_A_KIND:
         if raw.text(f"{table}.kind") != kind:
             continue
@@ -151,3 +179,47 @@ def _on_end(raw: RawValues) -> Iterator[Problem]:
     if width is not None and height is not None and width < height:
         said = f"{width:.0f} x {height:.0f} is a picture on end, and cameras give wide ones"
         yield "camera.width", f"{said}: are width = {height:.0f}, height = {width:.0f} meant?"
+
+
+def _frozen(raw: RawValues) -> Iterator[Problem]:
+    exposure, frozen = raw.number("camera.exposure_us"), raw.number("camera.frozen_ms")
+    if exposure is not None and frozen is not None and frozen < 2.0 * exposure / 1e3:
+        said = (
+            f"{frozen:g} ms are less than two exposures of {exposure / 1e3:g} ms: a good camera would be opened again"
+        )
+        yield "camera.frozen_ms", f"{said} and again; usual is 1000"
+
+
+def _never_pressed(raw: RawValues) -> Iterator[Problem]:
+    if raw.number("gantry.overtravel_um") == 0:
+        said = "0 lets no touch push the pin in: it makes no sure contact"
+        yield "gantry.overtravel_um", f"{said}; usual is 300, no more than two thirds of pin.travel_um"
+
+
+def _queue(raw: RawValues) -> Iterator[Problem]:
+    length, own = raw.number("api.queue_length"), raw.number("api.queue_per_client")
+    if length is not None and own is not None and raw.given("api.queue_per_client") and own > length:
+        said = f"{own:.0f} are never reached, for queue_length = {length:.0f} is all that may wait"
+        yield "api.queue_per_client", f"{said}; write no more than that"
+
+
+def _head_in_mm(raw: RawValues) -> Iterator[Problem]:
+    box = raw.at("clearance.head_box_um")
+    if not isinstance(box, list) or not all(isinstance(v, int | float) for v in box) or not any(box):
+        return
+    if max(map(abs, box)) < LEAST_HEAD_UM:
+        meant = ", ".join(f"{v * 1e3:g}" for v in box)
+        said = f"no head is within {max(map(abs, box)):g} um of its needle; lengths are um: is [{meant}] meant?"
+        yield "clearance.head_box_um", said
+
+
+def _on_each_other(raw: RawValues) -> Iterator[Problem]:
+    """Yield places beside the board that are one and the same: the needle would brush what it is judged by."""
+    tables = ("control_point", "reference", "brush")
+    places = {table: (raw.number(f"{table}.x_um"), raw.number(f"{table}.y_um")) for table in tables}
+    for (one, (x, y)), (other, (u, v)) in combinations(places.items(), 2):
+        if x is None or y is None or u is None or v is None:
+            continue
+        if (apart := math.hypot(x - u, y - v)) < APART_UM:
+            said = f"[{other}] lies {apart:g} um from [{one}], on the same place"
+            yield f"{other}.x_um", f"{said}: put in the coordinates of its own middle"

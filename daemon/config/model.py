@@ -11,9 +11,9 @@ import stat
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from daemon.config.cross_checks import CLEAR_UM
+from daemon.config.cross_checks import CLEAR_UM, is_endpoint
 from daemon.config.paths import resolved
 from daemon.config.problems import ConfigError, Unlikely
 from daemon.config.reading import read_checked, read_unlikely
@@ -92,7 +92,7 @@ class AxisSection(Section):
     maximum: Finite = Field(description="highest allowed coordinate")
     speed: Positive = Field(description="units per second")
     acceleration: Positive = Field(description="units per second squared")
-    homing_method: int = Field(description="6098h")
+    homing_method: int = Field(description="6098h; 17, 18: negative, positive limit switch; 19..22: home switch")
     homing_speed: Positive
     homing_position: Finite = Field(default=0.0, description="coordinate of the homing switch")
     word_order: Literal["auto", "big", "little"] = Field(
@@ -443,7 +443,7 @@ class ApiSection(Section):
     @model_validator(mode="after")
     def _local(self) -> Self:
         for endpoint in filter(None, (self.control, self.events, self.live)):
-            if not is_local(endpoint) and not self.curve:
+            if is_endpoint(endpoint) and not is_local(endpoint) and not self.curve:
                 raise ValueError(
                     f"{endpoint} is reachable from outside; only loopback and ipc are served without keys: "
                     "make them by `reprobe keys new`, then set curve = true"
@@ -498,11 +498,23 @@ class MeterSection(Section):
     )
     methods: dict[Method, MeterMethodSection] = Field(default={}, description="what differs from the methods' own")
 
+    @field_validator("address")
+    @classmethod
+    def _an_address(cls, given: str) -> str:
+        parse_address(given)
+        return given
+
+    @field_validator("close_channels")
+    @classmethod
+    def _with_their_numbers(cls, given: str) -> str:
+        if "{channels}" not in given:
+            raise ValueError(
+                f"{given!r} has no {{channels}}, which is where their numbers go: ROUT:CLOS (@{{channels}})"
+            )
+        return given
+
     @model_validator(mode="after")
     def _fits(self) -> Self:
-        parse_address(self.address)
-        if "{channels}" not in self.close_channels:
-            raise ValueError("close_channels has no {channels}: it is where their numbers go")
         for method, given in self.methods.items():
             function = given.function_of(method)
             if given.nplc is not None and function in WITHOUT_NPLC:

@@ -25,12 +25,13 @@ BAUDRATES = (9600, 19200, 38400, 57600, 115200, 230400, 256000)
 
 @dataclass(frozen=True)
 class Range:
-    """From where to where a number is plausible, in its unit, and what is usual."""
+    """From where to where a number is plausible, in its unit, and what is usual; scaled: it has thousandths of it."""
 
     low: float
     high: float
     unit: str
     usual: str
+    scaled: bool = True
 
 
 _LINEAR = {
@@ -79,6 +80,19 @@ _ODD = {
     "ladder.settle_max_ms": Range(50.0, 5000.0, "ms", "500"),
     "ladder.reference_good_s": Range(5.0, 600.0, "s", "60"),
     "reference.max_ohm": Range(0.05, 10.0, "ohm", "1"),
+    "servo.scatter_um": Range(2.0, 500.0, "um", "40"),
+    "servo.trusted_um": Range(5.0, 2000.0, "um", "120"),
+    "servo.first_landing_um": Range(5.0, 2000.0, "um", "80"),
+    "servo.landing_um": Range(2.0, 1000.0, "um", "40"),
+    "servo.tip_radius_um": Range(1.0, 500.0, "um", "25"),
+    "clearance.needle_radius_um": Range(20.0, 5000.0, "um", "500 um are 0.5 mm"),
+    "clearance.barrel_radius_um": Range(50.0, 20_000.0, "um", "1500 um are 1.5 mm"),
+    "clearance.outline_um": Range(50.0, 50_000.0, "um", "8000, with courtyards 500"),
+    "clearance.solder_um": Range(20.0, 5000.0, "um", "500 um are 0.5 mm"),
+    "clearance.lead_um": Range(50.0, 20_000.0, "um", "3000 um are 3 mm"),
+    "clearance.nest_um": Range(50.0, 100_000.0, "um", "2000 um are 2 mm"),
+    "lights.dark_level": Range(2.0, 200.0, "of 255", "60", scaled=False),
+    "api.rate_per_s": Range(10.0, 1e6, "requests a second", "2000", scaled=False),
 }
 """Told outside; zero switches some of them off and is not told."""
 
@@ -103,7 +117,7 @@ def implausible(raw: RawValues) -> Iterator[Problem]:
 
 def unlikely(raw: RawValues, folder: Path) -> Iterator[Problem]:
     """Yield what is possible and hardly meant; `folder`: where the file lies."""
-    for path, plausible in _ODD.items():
+    for path, plausible in {**_ODD, **_named(raw)}.items():
         value = raw.number(path)
         if value:
             yield from _outside(path, value, plausible)
@@ -138,7 +152,8 @@ def _outside(path: str, value: float, plausible: Range) -> Iterator[Problem]:
     if plausible.unit == "degrees" and abs(value) > 360.0:
         yield path, f"{value:g} is more than a turn; is {math.copysign(abs(value) % 360.0, value):g} meant?"
         return
-    factor = next((f for f in (1000.0, 1e-3, 1e6, 1e-6) if plausible.low <= value * f <= plausible.high), None)
+    factors = (1000.0, 1e-3, 1e6, 1e-6) if plausible.scaled else ()
+    factor = next((f for f in factors if plausible.low <= value * f <= plausible.high), None)
     meant = f"; is {value * factor:g} meant?" if factor and ((factor > 1) == low) else ""
     word = "small" if low else "large"
     said = (
@@ -146,6 +161,13 @@ def _outside(path: str, value: float, plausible: Range) -> Iterator[Problem]:
         f"{plausible.usual}{meant}"
     )
     yield path, said
+
+
+def _named(raw: RawValues) -> dict[str, Range]:
+    """Return the ranges of what stands under names of a station's own: lines, letters of parts."""
+    parts = Range(50.0, 50_000.0, "um", "800 um are 0.8 mm")
+    named = {f"clearance.heights_um.{letters}": parts for letters in raw.table("clearance.heights_um")}
+    return named | {f"bus.{name}.gap_ms": Range(0.5, 100.0, "ms", "3") for name in raw.table("bus")}
 
 
 def _fine_scale(raw: RawValues) -> Iterator[Problem]:

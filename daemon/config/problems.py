@@ -18,6 +18,8 @@ Problem = tuple[str, str]
 __all__ = ["ConfigError", "Problem", "Unlikely", "in_words", "line_of", "nearest", "told"]
 _NEAR = 0.6
 _SHOWN = 60
+OPTIONS_OF_A_COMMAND = frozenset({"uplink", "page", "collect", "demo", "sim"})
+"""What people look for in the file, and is told to a process of its own."""
 _UNITS = ("_um", "_mm", "_ms", "_s", "_us", "_n", "_mb")
 """Endings of keys whose number is a thousand times off where it was given in another unit."""
 
@@ -91,6 +93,8 @@ def _unknown(path: str, root: type[BaseModel]) -> str:
     model = model_at(root, above)
     known = list(model.model_fields) if model is not None else []
     what = f"there is no table [{key}]" if not above else f"there is no key {key!r} in [{above}]"
+    if not above and key in OPTIONS_OF_A_COMMAND:
+        return f"{what}: its settings are options of a command; leave it out, and see `reprobe {key} --help`"
     if meant := nearest(key, known):
         return what + meant
     if elsewhere := [table for table in _tables_with(key, root) if table != above]:
@@ -112,6 +116,9 @@ def _tables_with(key: str, root: type[BaseModel], above: str = "") -> Iterator[s
 
 def _missing(path: str, unknown: list[str], root: type[BaseModel]) -> str:
     above, _, key = path.rpartition(".")
+    if key.isdecimal():  # an element of a list
+        about = _about(above, root)
+        return f"the list is too short: its element {int(key) + 1} is missing{about}"
     beside = [other.rpartition(".")[2] for other in unknown if other.rpartition(".")[0] == above]
     meant = get_close_matches(key, beside, n=1, cutoff=_NEAR)
     if meant:
@@ -136,7 +143,7 @@ def _wrong(path: str, error: Mapping[str, Any], root: type[BaseModel]) -> str:
         above = path.rpartition(".")[0]
         name = f"[{path}]" if above != "bus" else "[bus.NAME], such as [bus.main], with the keys under it"
         return f"{shown} stands where a table belongs: write {name}"
-    if error["type"] == "literal_error":
+    if error["type"] in {"literal_error", "enum"}:
         said += nearest(str(given), [str(one) for one in _choices(error)])
     if error["type"] == "string_type":
         said = "it should be a text, between quotes"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from types import NoneType, UnionType
-from typing import Any, Literal, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
@@ -104,9 +104,14 @@ def model_of(annotation: Any) -> tuple[type[BaseModel] | None, bool]:
 
 
 def _alternatives(annotation: Any) -> tuple[Any, ...]:
+    """Return the kinds that a value may be of, each without its limits."""
     if get_origin(annotation) in (Union, UnionType):
-        return tuple(kind for kind in get_args(annotation) if kind is not NoneType)
-    return (annotation,)
+        return tuple(_bare(kind) for kind in get_args(annotation) if kind is not NoneType)
+    return (_bare(annotation),)
+
+
+def _bare(kind: Any) -> Any:
+    return get_args(kind)[0] if get_origin(kind) is Annotated else kind
 
 
 def _wrong_kinds(raw: dict[str, Any], model: type[BaseModel], above: str) -> Iterator[tuple[str, str]]:

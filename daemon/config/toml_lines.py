@@ -24,7 +24,20 @@ _MEANT: tuple[tuple[str, str], ...] = (
     ),
     (r"=\s*[-+]?\d+,\d", "write a decimal point, not a comma"),
     ("[\u2018-\u201e\u00ab\u00bb]", 'write plain quotes: "text"'),
-    (r"=\s*[-+]?[\d_.]+\s*(?:um|mm|ms|s|deg|mb|%|°|µm)\b", "write the number alone; the unit is the key's own"),
+    (
+        r"=\s*[-+]?[\d_.]+\s*(?:(?:um|mm|ms|s|deg|mb|ohm|\u00b5m|\u03bcm)\b|%|\u00b0|\u03a9|\u2126)",
+        "write the number alone; the unit is the key's own",
+    ),
+    ("[\u00a0\u2000-\u200f\u202f\ufeff]", "a blank in it is none of the keyboard's; type the line anew"),
+    (r"^\s*[\w.-]*[^\x00-\x7f][^=\"'#]*=", "a key has the letters a-z, digits and _ alone"),
+    (r"=\s*[-+]\s+\d", "write the sign close to its number: -200.0"),
+    (r"=\s*=", "write one = alone"),
+    (r"=\s*[-+]?(?:\d+[.](?![\d])|[.]\d)", "write a digit on both sides of the decimal point: 0.5, 200000.0"),
+    (r"=\s*[-+]?[\d_.]+\s*[*/+^-]\s*[\d(]", "write the result: nothing is calculated here"),
+    (r"^\s*[{(].*[})]\s*(?:#|$)", "the name of a table stands between square brackets: [axes.x]"),
+    (rf"^\s*\[{_DOTTED}[^\].]*\s[^\]]*\]", "the name of a table has no blanks: write [bus.main], or quotes round it"),
+    (r"=\s*(?:\"[^\"]*\"|'[^']*'|[\w.+-]+)\s*,\s*(?:#|$)", "a line ends without a comma"),
+    (r"=\s*\[[^\]#]*(?:\"[^\",\]]*\"|[\d.])\s+[\"\d]", "put a comma between the elements of the list"),
     (r"=\s*[-+]?\d+[ ']\d", "write a large number in one piece: 200000 or 200_000"),
     (r"=\s*[-+]?0\d", "a number begins with no 0"),
     (r"=\s*(?:[Tt][Rr][Uu][Ee]|[Ff][Aa][Ll][Ss][Ee]|yes|no|on|off)\b", "write true or false, in small letters"),
@@ -77,6 +90,8 @@ def what_was_meant(text: str, error: tomllib.TOMLDecodeError) -> str:
         for pattern, cure in _MEANT:
             if re.search(pattern, line):
                 return f"line {back}: {line.strip()[:80]!r}: {cure} ({said})"
+    if "Unclosed array" in said:
+        return f"line {number}: a comma, or the closing ] of the list that begins here or above, is missing ({said})"
     if "overwrite" in said or "twice" in said or "Cannot declare" in said:
         return f"line {number}: the key or table stands in the file twice; keep one ({said})"
     return f"line {number}: {said}"

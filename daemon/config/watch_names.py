@@ -21,7 +21,8 @@ _SINGLE: Final = (
     "tip_contrast", "tip_bend", "tip_x", "tip_y", "light_white", "light_red", "focus", "noise",
     "frames_missed", "frames", "stop_scatter", "more_moves", "calibration_age", "head_total_error",
     "head_closure", "backlash_x", "backlash_y", "surface", "probe_life", "pictures_not_kept",
-    "journal_moved_aside", "journal_not_written", "needle_down", "not_served", "clock_behind",
+    "journal_moved_aside", "journal_not_written", "needle_down", "repeated_failures", "not_served",
+    "clock_behind",
     "first_touch_misses", "contact_not_made", "recovered_by_look", "recovered_by_pump", "recovered_by_reference",
     "recovered_by_site", "reference_ohms",
 )  # fmt: skip

@@ -270,6 +270,15 @@ class FaultCode(Enum):
         return self.value.latched
 
     @property
+    def way_out(self) -> str:
+        """What a person types once the cause is gone; empty where it clears itself."""
+        if not self.latched:
+            return ""
+        if self.cured_by:
+            return "`lift`" if "lift" in self.cured_by else "`home`"
+        return "`reset` and `home`" if self in REFERENCE_LOST else "`reset`"
+
+    @property
     def cured_by(self) -> frozenset[str]:
         """Operations that may begin in this fault, and clear it when they come to their end."""
         return self.value.cured_by
@@ -299,5 +308,9 @@ class Fault(Exception):
 
     @property
     def advice(self) -> str:
-        """What to do next."""
-        return str(self.detail.get("advice") or self.kind.value.advice)
+        """What to do next; of a fault that stays, with what clears it: advice of a device knows the device alone."""
+        own = str(self.detail.get("advice") or self.kind.value.advice)
+        way_out = self.kind.way_out
+        if not way_out or way_out.split()[0].strip("`") in own.lower():
+            return own
+        return f"{own.rstrip('. ')}, then {way_out}"

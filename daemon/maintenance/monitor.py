@@ -31,13 +31,14 @@ from daemon.maintenance.device_signals import Devices
 from daemon.maintenance.image_metrics import measure_pictures
 from daemon.maintenance.overview import is_flag, overview
 from daemon.maintenance.panel import Panel, Row
+from daemon.maintenance.repeated_failures import WINDOW, RepeatedFailures
 from daemon.maintenance.signals import Landings, Numbers, Step, of_ending, of_looks
 from daemon.maintenance.types import Finding
 from daemon.platform.clock import clock_behind, utc_now
 from daemon.station.devices import Hardware
 from daemon.station.station import LookResult
 from daemon.storage.calibration_store import Calibrations
-from daemon.storage.journal import Journal
+from daemon.storage.journal import Journal, PastWanted
 from vision import Tip
 
 QUEUE = 256
@@ -45,6 +46,9 @@ STEPS_KEPT = 64
 REPLAY = 1000
 STATE = "maintenance"
 SAVE_EVERY_ROWS = 50
+REPEATED = "repeated_failures"
+ENDINGS_READ = 10 * WINDOW
+"""Results that are read at the start, of all operations together."""
 TOUCHES_A_ROW = 20
 """A tester that reports each touch by itself must not fill the journal with rows of one."""
 log = structlog.get_logger(__name__)
@@ -96,6 +100,9 @@ class Monitor(JobObserver):
         self._learned = Learned(calibrations)
         self._devices = Devices()
         self._contacts = Contacts()
+        self._failures = RepeatedFailures()
+        self._failing: str | None = None
+        """What was told of them last."""
         self._queue: asyncio.Queue[_Ended | _Reported | _Tested | _Flagged] = asyncio.Queue(QUEUE)
         self._steps: dict[str, list[Step]] = {}
         self._touches = 0
@@ -123,6 +130,14 @@ class Monitor(JobObserver):
             # Pictures are large: those of a job that has to wait for its turn are not measured.
             look = job.last_look if self._queue.empty() else None
             self._hand_in(_Ended(result, steps, look))
+        self._failures.add(result)
+        self._tell_failures()
+
+    def _tell_failures(self) -> None:
+        """Say that an operation fails again and again, or that it no longer does."""
+        if (message := self._failures.message) != self._failing:
+            self._failing = message
+            self.on_flag(REPEATED, message)
 
     def on_point(self, record: PointRecord) -> None:
         """Take in what came of a point."""
@@ -179,11 +194,19 @@ class Monitor(JobObserver):
                 self._feed_again(at, touches, job, body)
                 self._row = n
             await asyncio.sleep(0)
+        await self._recall_failures()
         self._loaded = True
         if self._journal.moved_to is not None:
             self.on_flag("journal_moved_aside", f"{self._journal.moved_because}; it lies at {self._journal.moved_to}")
         last = await self._journal.last_result()
         self.on_flag("clock_behind", clock_behind(utc_now(), last.finished_at if last is not None else ""))
+
+    async def _recall_failures(self) -> None:
+        """Take in how the last jobs ended, and bring what stands about them up to date, or take it away."""
+        for result, _board in reversed(await self._journal.history(PastWanted(), None, ENDINGS_READ)):
+            self._failures.add(result)
+        self._failing = "" if REPEATED in self.alerts.standing else None
+        self._tell_failures()
 
     def _feed_again(self, at: str, touches: int, job: str, body: dict[str, Any]) -> None:
         """Feed a row that was measured after what was learned had been kept."""
@@ -415,6 +438,9 @@ class Monitor(JobObserver):
             await self._publish(news, news.alert)
             if mended and name in self._panel.specs and not is_flag(self._panel, name):
                 self._panel.restart(name)
+            if mended and name == REPEATED:
+                self._failures.forget()
+                self._failing = None
             if mended or name == "journal_moved_aside":  # what happened once is over when somebody has taken note
                 await self._publish(self.alerts.clear(name, at), None)
         if mended:

@@ -347,9 +347,14 @@ class Handlers:
     async def _alerts(self, request: Alerts) -> Reply:
         past = await self._journal.alerts(request.since, request.limit)
         overview, fault = self._with.monitor.overview(), self._with.latch.fault
-        overview["healthy"] = overview["healthy"] and fault is None
+        in_force = self._with.calibrations.in_force
+        missing = [
+            kind for kind, is_there in (("tip", in_force.probe), ("map", in_force.mapped_at)) if is_there is None
+        ]
+        overview["healthy"] = overview["healthy"] and fault is None and not missing
         told = ErrorBody.of(fault) if fault else None
-        return AlertsReply(alerts=[PastAlert.model_validate(alert) for alert in past], fault=told, **overview)
+        seen = [PastAlert.model_validate(alert) for alert in past]
+        return AlertsReply(alerts=seen, fault=told, not_calibrated=missing, **overview)
 
     async def _acknowledge(self, request: Acknowledge, caller: Caller) -> Reply:
         if request.mended and caller.role != ROLES[-1]:

@@ -83,5 +83,19 @@ def outside_the_axes(config: Config, board: Board) -> list[tuple[str, str]]:
     return odd
 
 
+def on_the_board(config: Config, board: Board) -> list[tuple[str, str]]:
+    """Return path and words for each place beside the board that lies within its outline, as it nominally lies."""
+    odd = []
+    for table in ("control_point", "reference", "brush"):
+        section = getattr(config, table)
+        if section is None:
+            continue
+        x_um, y_um = config.board.pose().inverse().apply(section.place_um)
+        if 0.0 < x_um < board.width_um and 0.0 < y_um < board.height_um:
+            said = f"it lies on the board, {x_um:.0f}, {y_um:.0f} um from its corner, and belongs beside it"
+            odd.append((f"{table}.x_um", f"{said}: put in its own place, or see board.origin_x_um and origin_y_um"))
+    return odd
+
+
 def _inside(axis: AxisSection, place: Array, room: float) -> NDArray[np.bool_]:
     return (place >= axis.minimum + room) & (place <= axis.maximum)

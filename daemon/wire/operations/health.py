@@ -81,8 +81,11 @@ class AlertsReply(Reply):
     """Past alerts in the order of their seq, those that stand, and every watch."""
 
     alerts: list[PastAlert]
-    healthy: bool = Field(description="no alert stands, and no fault: a station that is not homed is not healthy")
+    healthy: bool = Field(
+        description="no alert stands, no fault, and it is calibrated: a station that is not homed is not healthy"
+    )
     fault: ErrorBody | None = Field(default=None, description="the first cause, while in fault")
+    not_calibrated: list[str] = Field(default=[], description="what is missing of `tip` and `map`: it corrects nothing")
     touches: int
     standing: list[AlertFacts]
     watches: list[WatchFacts]

@@ -4,11 +4,19 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, Self
 
 import pytest
 from typer.testing import CliRunner
 
+from daemon.cli import setup as guided
+from daemon.cli import setup_station_steps as station_steps
 from daemon.cli.app import app
+from daemon.cli.setup_dialogue import Dialogue, StepFailed
+from daemon.cli.setup_file_steps import Setup
+from daemon.client import Refused
+from daemon.tools.setup import Notes
 
 ROOT = Path(__file__).parents[3]
 pytestmark = pytest.mark.usefixtures("logging_as_before")
@@ -34,3 +42,59 @@ def test_a_board_may_be_named_as_it_is_seen_from_where_it_was_typed(
     assert "Board demo_board, top" in result.output
     assert tomllib.loads(file.read_text())["board"]["file"] == "board.json"
     assert (tmp_path / "board.json").is_file()
+
+
+class _Station:
+    """Stands for a client of a daemon in a fault that `reset` clears, whose axes are then to be homed, or not."""
+
+    def __init__(self, *, homed: bool) -> None:
+        self.homed, self.in_fault = homed, True
+        self.asked: list[str] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def request(self, op: str) -> dict[str, Any]:
+        self.asked.append(op)
+        if op == "reset":
+            self.in_fault = False
+            if not self.homed:
+                error = {"code": 5101, "name": "not_homed", "message": "not homed", "advice": "`home`", "detail": {}}
+                raise Refused(error)
+        return {}
+
+    def job(self, op: str, **_: object) -> Any:
+        self.asked.append(op)
+        self.homed = True
+        return SimpleNamespace(error=None)
+
+
+@pytest.mark.parametrize(("homed", "asked"), [(True, ["reset"]), (False, ["reset", "home"])])
+def test_a_step_is_tried_again_after_the_fault_that_stopped_it_was_cleared(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, homed: bool, asked: list[str]
+) -> None:
+    """A reset only clears what is gone; and what has to be homed again is announced before it moves."""
+    station = _Station(homed=homed)
+    said: list[str] = []
+
+    def enter(_: Dialogue, question: str) -> str:
+        said.append(question)
+        return ""
+
+    monkeypatch.setattr(station_steps, "Client", lambda *_, **__: station)
+    monkeypatch.setattr(station_steps.Daemon, "start", lambda _: None)
+    monkeypatch.setattr(station_steps.Daemon, "endpoint", "ipc://none")
+    monkeypatch.setattr(Dialogue, "_line", enter)
+
+    def works(_setup: Setup, _daemon: station_steps.Daemon) -> None:
+        if station.in_fault:
+            raise StepFailed("the daemon is in fault: x does not answer", "check its cable")
+
+    setup = Setup(tmp_path / "station.toml", Dialogue(Notes(tmp_path / "notes.json")))
+    step = guided.Step("tip", "Tip", None, of_station=works)
+    assert guided.do_step(step, "1 of 1: Tip", setup, station_steps.Daemon(setup))
+    assert station.asked == asked
+    assert len(said) == 1 + (not homed)  # to try again, and to home

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import io
 import re
 import time
-from typing import Any
+from typing import Any, cast
 
 import pytest
 from rich.console import Console
 
+from daemon.cli.formatting import calibrated, sentence
+from daemon.cli.watch import refresh
 from daemon.cli.watch_view import SILENT_S, WatchView
+from daemon.client import Client
 from daemon.domain.results import ErrorBody, JobResult
 from daemon.platform.clock import utc_now
 
@@ -46,8 +50,56 @@ def _text(view: WatchView, now_s: float = 1.0) -> str:
         return console.export_text()
 
 
-def test_before_anything_is_heard_it_says_so() -> None:
-    assert "no daemon answers yet" in _text(WatchView())
+def test_before_anything_is_heard_it_says_so_with_the_cure_and_nothing_that_nobody_knows() -> None:
+    shown = _text(WatchView(endpoint="ipc:///run/x"))
+    assert "no daemon answers at ipc:///run/x yet" in shown
+    assert "systemctl start reprobe" in shown
+    for unknown in ("no alerts", "no job runs", "calibrated"):
+        assert unknown not in shown
+
+
+def test_a_daemon_that_fell_silent_is_told_first_with_the_cure() -> None:
+    lines = _text(_view(), SILENT_S + 60.0).splitlines()
+    assert "nothing heard for" in lines[1]
+    assert "systemctl status reprobe" in lines[1]
+    assert "before that: idle" in lines[2]
+
+
+def test_an_alert_is_shown_with_its_cure_where_there_is_room() -> None:
+    view = _view()
+    view.take_snapshot({**SNAPSHOT, "alerts": [{"name": "tip", "message": "bent", "advice": "straighten it"}]}, 0.0)
+    console = Console(width=80, record=True, file=io.StringIO())
+    console.print(view.render(1.0, 80, 24))
+    assert "alert tip: bent -> straighten it" in console.export_text()
+    console.print(view.render(1.0, 80, 11))
+    cramped = console.export_text()
+    assert "alert tip: bent" in cramped
+    assert "straighten it" not in cramped
+
+
+def test_what_was_done_is_counted_as_people_count_and_a_taught_tip_is_a_calibration() -> None:
+    result = JobResult(
+        id="j", op="look", ok=True, seq=1, station="s1", finished_at=utc_now(), outcome="looked", looks=1
+    )
+    assert sentence(result).endswith("looked[/], 1 look")
+    assert sentence(result.model_copy(update={"looks": 2, "moves": 1})).endswith(", 2 looks, 1 move")
+    assert calibrated({"tip": True, "made_at": {}}) == "tip"
+    assert calibrated({"tip": False, "made_at": {}}) == "nothing"
+
+
+class _Asked:
+    """Stands for a client of a station with an alert from before."""
+
+    def request(self, op: str, **_: object) -> dict[str, Any]:
+        standing = [{"name": "tip_refused", "message": "the tip is refused", "advice": "look at it"}]
+        return {"snapshot": dict(SNAPSHOT), "alerts": {"standing": standing}}[op]
+
+
+def test_alerts_from_before_it_was_opened_are_shown() -> None:
+    view = WatchView()
+    refresh(cast("Client", _Asked()), view)
+    assert view.alerts == {"tip_refused": "the tip is refused"}
+    assert "no alerts" not in _text(view)
 
 
 def test_snapshot_and_events_make_one_picture() -> None:

@@ -16,6 +16,8 @@ ROOT = Path(__file__).parents[3]
 EXAMPLE = ROOT / "systemd" / "station.example.toml"
 pytestmark = pytest.mark.usefixtures("logging_as_before")
 
+CROSS = EXAMPLE.read_text().partition("[control_point]")[2].partition("arm_um")[0]
+CROSS = CROSS[CROSS.index("\nx_um") + 1 : CROSS.index("22000.0") + len("22000.0")]
 THETA_RANGE = EXAMPLE.read_text().partition("[axes.theta]")[2].partition("9102.222222222223")[2]
 THETA_RANGE = THETA_RANGE[THETA_RANGE.index("minimum") : THETA_RANGE.index("speed")]
 
@@ -209,6 +211,84 @@ MISTAKES: dict[str, tuple[str, str, tuple[str, ...], str]] = {
         "increments_per_unit = 655.36", "increments_per_unit = 0", ("increments per um",),
         "axes.x.increments_per_unit"),
     "no line at all": ("[bus.main]", "[meters.main]", ("[bus.NAME]", "port"), "bus"),
+    "a host as in a browser": (
+        'port = "/dev/reprobe-bus"', 'host = "http://10.0.0.5"', ("host = '10.0.0.5'",), "bus.main.host"),
+    "one gateway for two lines": (
+        '[bus.main]\nport = "/dev/reprobe-bus"', '[bus.two]\nhost = "10.0.0.5"\n[bus.main]\nhost = "10.0.0.5"',
+        ("also [bus.two]", "leave one out"), "bus.main.host"),
+    "a port of the network on a serial line": (
+        'parity = "E"', "tcp_port = 5020", ("leave it out", "host"), "bus.main.tcp_port"),
+    "a silence in seconds": ('parity = "E"', "gap_ms = 0.003", ("is 3 meant?",), "bus.main.gap_ms"),
+    "a reference pad on the board": (
+        "[board]", f"{_METER}[reference]\nx_um = 65000.0\ny_um = 45000.0\n[board]", ("belongs beside it",),
+        "reference.x_um"),
+    "a cross on the board": (
+        CROSS,
+        "x_um = 70000.0\ny_um = 50000.0",
+        ("belongs beside it",),
+        "control_point.x_um",
+    ),
+    "a brush where the reference pad is": (
+        "[board]",
+        f"{_METER}[reference]\nx_um = 30000.0\ny_um = 34000.0\n[brush]\nx_um = 30000.0\ny_um = 34100.0\n[board]",
+        ("100 um from [reference]", "its own middle"),
+        "brush.x_um",
+    ),
+    "a head in mm": (
+        "[touch] ", "[clearance]\nhead_box_um = [-60.0, -60.0, 60.0, 60.0]\n[touch] ", ("60000] meant?",),
+        "clearance.head_box_um"),
+    "a head without its last side": (
+        "[touch] ", "[clearance]\nhead_box_um = [-60.0, -60.0, 60.0]\n[touch] ", ("element 4 is missing", "x0, y0"),
+        "clearance.head_box_um.3"),
+    "a part's height in mm": (
+        "[touch] ", "[clearance]\nheights_um = { R = 0.8 }\n[touch] ", ("is 800 meant?",), "clearance.heights_um.R"),
+    "a nest's height in mm": ("[touch] ", "[clearance]\nnest_um = 2\n[touch] ", ("is 2000 meant?",),
+                              "clearance.nest_um"),
+    "a nest's height in quotes": ("[touch] ", '[clearance]\nnest_um = "2000"\n[touch] ', ("without quotes",),
+                                  "clearance.nest_um"),
+    "a needle's radius in mm": (
+        "[touch] ", "[clearance]\nneedle_radius_um = 0.5\n[touch] ", ("is 500 meant?",), "clearance.needle_radius_um"),
+    "landings in mm": ("[gantry]", "[servo]\nlanding_um = 0.04\n[gantry]", ("is 40 meant?",), "servo.landing_um"),
+    "a tip's radius in mm": (
+        "[gantry]", "[servo]\ntip_radius_um = 0.025\n[gantry]", ("is 25 meant?",), "servo.tip_radius_um"),
+    "darkness as a share": ("white = 0", "dark_level = 0.2\nwhite = 0", ("usual is 60",), "lights.dark_level"),
+    "a camera that is frozen before it has exposed": (
+        "exposure_us = 20000", "exposure_us = 500000\nfrozen_ms = 60", ("usual is 1000",), "camera.frozen_ms"),
+    "a pin that is never pushed in": (
+        "overtravel_um = 300.0", "overtravel_um = 0", ("usual is 300",), "gantry.overtravel_um"),
+    "a data folder left empty": ('"/var/lib/reprobe"', '""', ("/var/lib/reprobe",), "station.data_dir"),
+    "more jobs of one client than of all": (
+        "[gantry]", "[api]\nqueue_length = 4\nqueue_per_client = 100\n[gantry]", ("no more than that",),
+        "api.queue_per_client"),
+    "an instrument's address without its port": (
+        "[board]", f'{_METER.replace(":5025", "")}[board]', ("192.168.0.7:5025",), "meter.address"),
+    "channels closed by a number of its own": (
+        "[board]", f'{_METER}close_channels = "ROUT:CLOS (@101)"\n[board]', ("ROUT:CLOS (@{channels})",),
+        "meter.close_channels"),
+    "a method misspelt": (
+        "[board]", f"{_METER}[meter.methods.resistence]\nnplc = 1\n[board]", ("'resistance' meant",),
+        "meter.methods.resistence"),
+    "a value with its unit in quotes": (
+        "[board]", f'{_METER}[meter.methods.resistance]\nrange = "100 ohm"\n[board]', ("without quotes",),
+        "meter.methods.resistance.range"),
+    "a rung with a blank": ('"second_site"]', '"second site"]', ("'second_site' meant",), "ladder.order.3"),
+    "the uplink's settings in the file": (
+        "[gantry]", '[uplink]\nbroker = "10.0.0.1"\n[gantry]', ("reprobe uplink --help",), "uplink"),
+    "a sign apart from its number": ("minimum = -220.0", "minimum = - 220.0", ("close to its number",), "(file)"),
+    "a number that ends with its point": (
+        "maximum = 200000.0", "maximum = 200000.", ("both sides of the decimal point",), "(file)"),
+    "a number that begins with its point": ("rotation_deg = 0.0", "rotation_deg = .5", ("both sides",), "(file)"),
+    "a quotient": ("= 655.36 ", "= 3276800/5000 ", ("write the result",), "(file)"),
+    "a degree's sign": ("rotation_deg = 0.0", "rotation_deg = 90\u00b0", ("number alone",), "(file)"),
+    "a key with a Greek letter": ("radius_um = 14938.26", "radius_\u00b5m = 14938.26", ("a-z",), "(file)"),
+    "a blank that is none of the keyboard's": (
+        "maximum = 200000.0", "maximum =\u00a0200000.0", ("type the line anew",), "(file)"),
+    "a comma at the end of a line": ('parity = "E"', 'parity = "E",', ("ends without a comma",), "(file)"),
+    "a comma left out in a list": ('"look", "pump"', '"look" "pump"', ("put a comma",), "(file)"),
+    "a list left open": ('"second_site"]', '"second_site"', ("closing ] of the list",), "(file)"),
+    "a table in braces": ("[axes.x]", "{axes.x}", ("square brackets: [axes.x]",), "(file)"),
+    "a table's name with a blank": ("[bus.main]", "[bus.main line]", ("no blanks",), "(file)"),
+    "two signs of equality": ("maximum = 200000.0", "maximum == 200000.0", ("one = alone",), "(file)"),
 }  # fmt: skip
 
 
@@ -249,6 +329,11 @@ def test_a_mistake_is_named_with_its_place_and_its_cure(folder: Path, done: str)
 
 def test_a_socket_without_a_port_is_not_called_reachable_from_outside(folder: Path) -> None:
     _, named = _check(folder, _mistaken(("[gantry]", '[api]\ncontrol = "tcp://127.0.0.1"\n[gantry]')))
+    assert [one["path"] for one in named if "api" in str(one["path"])] == ["api.control"]
+
+
+def test_a_text_that_is_no_endpoint_is_not_called_reachable_from_outside(folder: Path) -> None:
+    _, named = _check(folder, _mistaken(("[gantry]", '[api]\ncontrol = "localhost:5555"\n[gantry]')))
     assert [one["path"] for one in named if "api" in str(one["path"])] == ["api.control"]
 
 

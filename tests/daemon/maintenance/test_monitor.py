@@ -110,7 +110,7 @@ async def test_an_alert_is_told_once_and_kept_and_cleared_when_it_is_gone(tmp_pa
         assert [(a["name"], a["change"], a["raised"]) for a in heard.alerts if a["name"] == "tip_refused"][:1] == [
             ("tip_refused", "raised", True)
         ]
-        assert sum(a["change"] == "raised" for a in heard.alerts) == 1
+        assert sum(a["change"] == "raised" and a["name"] == "tip_refused" for a in heard.alerts) == 1
         for k in range(12, 60):
             _correct(monitor, k)
         await _settled(monitor)
@@ -118,6 +118,51 @@ async def test_an_alert_is_told_once_and_kept_and_cleared_when_it_is_gone(tmp_pa
         assert monitor.overview()["healthy"]
         kept = await station.journal.alerts(0, 100)
         assert [a["change"] for a in kept] == [a["change"] for a in heard.alerts]
+
+
+async def test_the_third_failure_in_the_same_way_is_no_healthy_station(tmp_path: Path) -> None:
+    """Of any operation, and before anything was learned."""
+    async with _running(tmp_path) as (monitor, heard):
+        for k in range(3):
+            assert monitor.overview()["healthy"]
+            failed = JobResult(
+                id=f"job-{k}", op="align", ok=False, seq=k + 1, station="s", finished_at="t", outcome="failed",
+                error=ErrorBody(code=2404, name="no_board", message="no board", advice="lay it in"),
+            )  # fmt: skip
+            monitor.on_result(cast("Any", SimpleNamespace(last_look=None)), failed)
+            await _settled(monitor)
+        assert not monitor.overview()["healthy"]
+        assert [a["name"] for a in heard.alerts] == ["repeated_failures"]
+        assert "`align` failed 3 times of its last 3 by no_board: no board; lay it in" in heard.alerts[0]["message"]
+        well = JobResult(
+            id="job-4", op="align", ok=True, seq=5, station="s", finished_at="t", outcome="aligned"
+        )  # fmt: skip
+        monitor.on_result(cast("Any", SimpleNamespace(last_look=None)), well)
+        await _settled(monitor)
+        assert monitor.overview()["healthy"]
+
+
+async def test_failures_that_repeat_are_known_after_a_restart(tmp_path: Path) -> None:
+    async def fails(station: _Station, k: int) -> None:
+        failed = JobResult(
+            id=f"job-{k}", op="align", ok=False, seq=k, station="s", outcome="failed",
+            finished_at="2026-11-01T00:00:00+00:00",
+            error=ErrorBody(code=2404, name="no_board", message="no board", advice="lay it in"),
+        )  # fmt: skip
+        await station.journal.add_job(failed.id, "align", "{}")
+        await station.journal.finish_job(failed)
+        station.monitor.on_result(cast("Any", SimpleNamespace(last_look=None)), failed)
+        await _settled(station.monitor)
+
+    async with _station(tmp_path) as station:
+        for k in (1, 2):
+            await fails(station, k)
+    async with _station(tmp_path) as station:
+        assert station.monitor.overview()["healthy"]
+        await fails(station, 3)
+        assert "repeated_failures" in station.monitor.alerts.standing
+    async with _station(tmp_path) as station:
+        assert "repeated_failures" in station.monitor.alerts.standing
 
 
 async def test_nothing_is_lost_by_a_kill_and_nothing_is_told_twice(tmp_path: Path) -> None:
@@ -140,6 +185,7 @@ async def test_acknowledging_needs_an_alert_and_mending_begins_anew(tmp_path: Pa
         for k in range(12):
             _correct(monitor, k, REFUSED)
         await _settled(monitor)
+        await monitor.acknowledge("repeated_failures", "Kim", "changed", mended=True)
         known = await monitor.acknowledge("tip_refused", "Kim", "bent", mended=False)
         assert known.acknowledged is not None
         assert monitor.alerts.standing["tip_refused"].acknowledged == known.acknowledged
@@ -294,7 +340,7 @@ async def test_an_acknowledgement_outlives_the_daemon_and_what_is_gone_meanwhile
 
 
 async def test_a_watch_that_is_switched_off_raises_nothing(tmp_path: Path) -> None:
-    async with _running(tmp_path, MaintenanceSection(off=("tip",))) as (monitor, heard):
+    async with _running(tmp_path, MaintenanceSection(off=("tip", "repeated_failures"))) as (monitor, heard):
         for k in range(12):
             _correct(monitor, k, REFUSED)
         await _settled(monitor)

@@ -811,11 +811,24 @@ async def test_a_station_in_fault_is_never_called_healthy_and_its_cause_is_told(
 ) -> None:
     calm = {"healthy": True, "standing": [], "watches": [], "touches": 48, "off": []}
     monkeypatch.setattr(station.monitor, "overview", lambda: dict(calm))
+    station.calibrations.probe, station.calibrations.mapped_at = object(), "2025-03-04"
     well = await _ask(handlers, "alerts")
-    assert (well.healthy, well.fault) == (True, None)
+    assert (well.healthy, well.fault, well.not_calibrated) == (True, None, [])
     station.latch.latch(Fault(FaultCode.NOT_HOMED))
     bad = await _ask(handlers, "alerts")
     assert (bad.healthy, bad.fault.name) == (False, "not_homed")
+
+
+async def test_a_station_that_corrects_nothing_for_want_of_a_calibration_is_not_called_healthy(
+    handlers: Handlers, station: Daemon, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calm = {"healthy": True, "standing": [], "watches": [], "touches": 48, "off": []}
+    monkeypatch.setattr(station.monitor, "overview", lambda: dict(calm))
+    bare = await _ask(handlers, "alerts")
+    assert (bare.healthy, bare.not_calibrated) == (False, ["tip", "map"])
+    station.calibrations.probe = object()
+    taught = await _ask(handlers, "alerts")
+    assert (taught.healthy, taught.not_calibrated) == (False, ["map"])
 
 
 async def test_an_acknowledgement_is_handed_over_whole_and_the_alert_answered(

@@ -326,7 +326,10 @@ def test_on_the_command_line_it_says_what_is_in_it_asks_and_says_where_the_old_i
     assert "calibrations" in made.output
     assert "private keys: none" in made.output
     no = run.invoke(app, ["restore", str(tmp_path / "b.tar.gz"), "-c", str(config)], input="n\n")
-    assert no.exit_code == 1
+    nobody = run.invoke(app, ["restore", str(tmp_path / "b.tar.gz"), "-c", str(config)], input="")
+    assert (no.exit_code, nobody.exit_code) == (1, 1)
+    assert "nothing was changed" in no.output
+    assert "say --yes" in nobody.output
     assert not list((tmp_path / "s/station").glob("before-restore-*"))
     yes = run.invoke(app, ["restore", str(tmp_path / "b.tar.gz"), "-c", str(config), "--yes"])
     assert yes.exit_code == 0, yes.output
