@@ -95,15 +95,16 @@ def wide_levels(sheet: Sheet, shown: Shown, pose: Pose, near: Levels) -> Levels:
 
     Near is better: the light is the same, and smaller cells hold narrow things (ink) alone.
     """
-    missing = [m for m in sheet.present if not near.measured[m] and len(sheet.pure[m]) >= FEW]
+    told = sheet.told.ravel()
+    missing = {m: cells[told[cells]] for m, cells in sheet.pure.items() if not near.measured[m]}
+    # Behind parts there may be none left of what CAD has.
+    missing = {m: cells for m, cells in missing.items() if len(cells) >= FEW}
     if not missing:
         return _with_metal(near)
     grey, measured = near.grey.copy(), near.measured.copy()
     to_shown = (np.linalg.inv(shown.grid.to_um) @ pose.matrix @ sheet.planes.grid.to_um).astype(np.float32)
     visible = np.where(shown.seen, shown.levels, np.float32(-1e6))
-    for material in missing:
-        cells = sheet.pure[material]
-        cells = cells[sheet.told.ravel()[cells]]
+    for material, cells in missing.items():
         rows, columns = np.divmod(cells, sheet.planes.grid.columns)
         x = to_shown[0, 0] * columns + to_shown[0, 1] * rows + to_shown[0, 2]
         y = to_shown[1, 0] * columns + to_shown[1, 1] * rows + to_shown[1, 2]

@@ -9,13 +9,20 @@ from math import dist, inf
 
 import numpy as np
 
-from daemon.domain.board import BoardPoint
+from daemon.domain.board import Board, BoardPoint
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.states import Event
-from daemon.domain.surface_points import LEAST_PLACES, surface_points
+from daemon.domain.surface_points import LEAST_PLACES, SurfacePoints, surface_points
 from daemon.jobs.context import JobContext, Outcome, StationContext
 from daemon.procedures.calibrate.commit import Began, keep
-from daemon.procedures.calibrate.spread import EASILY_UM, SURE_WITHIN_UM, corners_um, plane_sigma_um, require_spread
+from daemon.procedures.calibrate.spread import (
+    EASILY_UM,
+    SURE_WITHIN_UM,
+    corners_um,
+    plane_sigma_um,
+    require_spread,
+    sigma_of,
+)
 from daemon.procedures.head_angle import other_views
 from daemon.procedures.move_sequence import MoveSequence
 from daemon.procedures.surface_touch import Push, SurfaceSearch, heights_um
@@ -52,7 +59,7 @@ async def measure_surface(job: JobContext, context: StationContext, request: Cal
     await context.station.require_homed(job)
     board = context.board
     points = await _allowed_places(job, context, request)
-    sigma_um = require_spread(points, board)
+    sigma_um = require_spread(points, board, context.gantry.surface_range_um)
     places = [context.geometry.position_over(point.place_um, request.theta_deg) for point in points]
     sequence, pushes = MoveSequence(job, context), []
     search = SurfaceSearch(sequence, pose_map)
@@ -95,17 +102,24 @@ async def _allowed_places(job: JobContext, context: StationContext, request: Cal
     Where too few are within reach the check that follows says what is not.
     """
     board, seed = context.board, request.id
-    whole = surface_points(board)
-    flat, pads = (tuple(p for p in some if _in_reach(context, p, request.theta_deg)) for some in whole)
-    if len(flat) + len(pads) < LEAST_PLACES:
-        flat, pads = whole
+    whole = _roomy(context, surface_points(board))
+    offered = whole.only(lambda point: _in_reach(context, point, request.theta_deg))
+    if offered.number < LEAST_PLACES:
+        offered = whole
     while True:
-        points = choose_places(flat, pads, request.places, seed)
+        points = choose_places(offered, board, request.places, seed)
         marks = [await job.mark_of(board.name, board.side, point.name) for point in points]
         forbidden = {mark.point for mark in marks if mark is not None and mark.forbids}
         if not forbidden:
             return points
-        flat, pads = (tuple(p for p in some if p.name not in forbidden) for some in (flat, pads))
+        offered = offered.without(forbidden)
+
+
+def _roomy(context: StationContext, offered: SurfacePoints) -> SurfacePoints:
+    """Leave out metal of parts that the needle may miss; beside a flat point the board is hardly less high."""
+    needed_um = context.servo.landing_um + context.servo.tip_radius_um
+    roomy = offered.only(lambda point: point.room_um is None or point.room_um >= needed_um)
+    return roomy._replace(flat=offered.flat)
 
 
 def _in_reach(context: StationContext, point: BoardPoint, theta_deg: float) -> bool:
@@ -117,38 +131,53 @@ def _in_reach(context: StationContext, point: BoardPoint, theta_deg: float) -> b
     return True
 
 
-def choose_places(
-    flat: tuple[BoardPoint, ...], pads: tuple[BoardPoint, ...], count: int, seed: str
-) -> list[BoardPoint]:
+def choose_places(offered: SurfacePoints, board: Board, count: int, seed: str) -> list[BoardPoint]:
     """Choose test points at random, every job others; pads are made to be touched, the board between them is not.
 
-    Where flat ones are far away, pads of parts stand in for them: solder on a pad is some ten um high, and a plane that
-    goes on beyond all touches is off by more. A choice that happens to lie in a row is drawn again, and so is one that
-    leaves points so far out that nobody would touch them by it.
+    Where flat ones are far away, or so few or so placed that they span no plane, pads of parts stand in for them:
+    solder on a pad is some ten um high, and a plane that goes on beyond all touches, or beside them, is off by more.
+    Where these do not span one either, pins do. What nothing spans is left to the check that follows.
     """
+    flat, pads, pins = offered
     chance = random.Random(seed)  # noqa: S311  # a repeatable choice, not a secret
-    stand_in = pads if any(_away_um(pad, flat) > FAR_UM for pad in pads) else ()
-    if len(flat) + len(stand_in) < LEAST_PLACES:
-        raise Fault(
-            FaultCode.CALIBRATION_FAILED,
-            f"the board has {len(flat) + len(stand_in)} test points; a plane needs {LEAST_PLACES}",
-            advice="check the surface with another board",
-        )
-    if len(flat) <= count and not stand_in:
-        return list(flat)
+    far = any(_away_um(pad, flat) > FAR_UM for pad in pads)
+    ladder = [*([] if far else [()]), *([pads] if pads else []), *([(*pads, *pins)] if pins else [])]
+    chosen: list[BoardPoint] = []
+    for stand_in in ladder:
+        chosen = _best_draw(chance, flat, stand_in, (*flat, *(stand_in or pads)), board, count)
+        if sigma_of(chosen, board) <= SURE_WITHIN_UM:
+            break
+    return chosen
+
+
+def _best_draw(
+    chance: random.Random,
+    flat: Sequence[BoardPoint],
+    stand_in: Sequence[BoardPoint],
+    wanted: Sequence[BoardPoint],
+    board: Board,
+    count: int,
+) -> list[BoardPoint]:
+    """Return the best of some choices; all there are, where they are too few to choose from.
+
+    A choice that happens to lie in a row is drawn again, and so is one that leaves points so far out that nobody would
+    touch them by it.
+    """
+    if len(flat) + len(stand_in) <= count:
+        return [*flat, *stand_in]
     everywhere = np.array([point.place_um for point in (*flat, *stand_in)])
-    wanted = np.array([point.place_um for point in (*flat, *pads)])
+    wanted_um = np.array([point.place_um for point in wanted])
     at_um = corners_um(everywhere.min(axis=0), everywhere.max(axis=0))
     best, best_by = list[BoardPoint](), (True, 0, inf)
     for draw in range(DRAWS):
         points = _drawn(chance, flat, stand_in, count, apart=draw == DRAWS - 1)
         touched = np.array([point.place_um for point in points])
-        left_out = int((beyond_um(wanted, touched) > BELIEVED_UM).sum())
-        sigma_um = plane_sigma_um(touched, at_um)
-        by = sigma_um > SURE_WITHIN_UM, left_out, sigma_um
+        left_out = int((beyond_um(wanted_um, touched) > BELIEVED_UM).sum())
+        sigma_um, unsure = plane_sigma_um(touched, at_um), sigma_of(points, board) > SURE_WITHIN_UM
+        by = unsure, left_out, sigma_um
         if not best or by < best_by:
             best, best_by = points, by
-        if not left_out and sigma_um <= EASILY_UM:
+        if not unsure and not left_out and sigma_um <= EASILY_UM:
             break
     return best
 
@@ -158,7 +187,7 @@ def _drawn(
 ) -> list[BoardPoint]:
     """Draw so many points by chance, with pads half of them; `apart`: the first one by chance, the others far off."""
     if pads:
-        points = chance.sample(flat, min(len(flat), count // 2))
+        points = chance.sample(flat, min(len(flat), max(count // 2, count - len(pads))))
         return points + _far_apart(chance.sample(pads, len(pads)), points, count - len(points))
     if not apart:
         return chance.sample(flat, count)

@@ -13,6 +13,7 @@ import numpy as np
 
 from daemon.domain.board import Board, BoardPoint
 from daemon.domain.errors import Fault, FaultCode
+from daemon.domain.surface_points import LEAST_PLACES
 from daemon.station.kinematics import EXTRAPOLATED_UM
 from vision.geometry import Array
 
@@ -20,6 +21,8 @@ TOUCH_SIGMA_UM = 5.0
 """Of one touch's height: two pictures at each of two depths."""
 SURE_WITHIN_UM = 15.0
 """Standard error that a height may have where the plane is used; the needle hovers 200 um above it."""
+NARROW = 0.2
+"""Places that spread across by less than this share of what they do along lie nearly on a line."""
 EASILY_UM = 8.0
 """A choice that is as good as this is taken without looking for a better one."""
 
@@ -54,16 +57,41 @@ def used_um(points: Sequence[BoardPoint], board: Board) -> Array:
     return corners_um(np.minimum(low, places.min(axis=0)), np.maximum(high, places.max(axis=0)))
 
 
-def require_spread(points: Sequence[BoardPoint], board: Board) -> float:
-    """Return the standard error of the plane that these points will give; raise `Fault` where it would be a guess."""
-    sigma_um = plane_sigma_um(np.array([point.place_um for point in points]), used_um(points, board))
-    if sigma_um > SURE_WITHIN_UM:
-        how = "" if math.isinf(sigma_um) else f": heights beside it would be known to {sigma_um:.0f} um only"
+def sigma_of(points: Sequence[BoardPoint], board: Board) -> float:
+    """Return the largest standard error, where it is believed, of a plane through these points; inf: there is none."""
+    if len(points) < LEAST_PLACES:
+        return math.inf
+    return plane_sigma_um(np.array([point.place_um for point in points]), used_um(points, board))
+
+
+def require_spread(points: Sequence[BoardPoint], board: Board, range_um: float) -> float:
+    """Return the standard error of the plane that these points will give; raise `Fault` where it would be a guess.
+
+    range_um: a surface of which nothing is known lies within this of where the configuration has it.
+    """
+    sigma_um = sigma_of(points, board)
+    if sigma_um <= SURE_WITHIN_UM:
+        return sigma_um
+    known_um = min(sigma_um, range_um)
+    if len(points) < LEAST_PLACES:
         raise Fault(
             FaultCode.CALIBRATION_FAILED,
-            f"the surface is no plane: the places lie on a line, or nearly{how}",
-            advice="touch more places (`places`); where the board has all its test points in a row, use a board file "
-            "with layers, whose parts' pads are touched as well",
-            places=[point.name for point in points],
+            f"the board has {len(points)} test points; a plane needs {LEAST_PLACES}: "
+            f"heights beside them would be known to {known_um:.0f} um only",
+            advice="use a board file with layers: parts' pads and pins are touched as well then; where it has layers, "
+            "`reprobe board` says why the board's other metal may not be touched",
         )
-    return sigma_um
+    raise Fault(
+        FaultCode.CALIBRATION_FAILED,
+        f"the surface is no plane: {_shape(points)}: heights beside them would be known to {known_um:.0f} um only",
+        advice="touch more places (`places`); use a board file with layers: parts' pads and pins are touched as well "
+        "then; where it has layers, `reprobe board` says why the board's other metal may not be touched",
+        places=[point.name for point in points],
+    )
+
+
+def _shape(points: Sequence[BoardPoint]) -> str:
+    """Say how places lie that span no plane."""
+    places = np.array([point.place_um for point in points])
+    along, across = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
+    return "the places lie on a line, or nearly" if across < NARROW * along else "the places lie close together"

@@ -141,7 +141,7 @@ class Session:
         elif fiducials:
             self._say("aligning the board")
             self._must("align", fiducials=[p.name for p in fiducials], deadline_ms=LONG_MS, **named)
-        if sum(map(len, surface_points(self._board))) >= LEAST_PLACES:
+        if surface_points(self._board).number >= LEAST_PLACES:
             self._say("measuring the surface")
             self._must("calibrate", what="surface", deadline_ms=LONG_MS)
 

@@ -78,3 +78,19 @@ def test_a_place_between_tall_parts_is_found_by_what_they_do_not_hide(k: int) ->
     answer = register(prepare(index_side(cad), (target.x_um, target.y_um)), frame, shot.assumed, None)
     assert isinstance(answer, Registration), answer.message
     assert np.hypot(*(np.asarray(answer.target_um) - shot.truth_um(target))) < 40.0
+
+
+@pytest.mark.parametrize("k", [0, 5])
+def test_a_board_whose_only_ink_lies_behind_a_part_is_found_all_the_same(k: int) -> None:
+    layers, targets = some_board(SEED)
+    target, layers = targets[k], replace(layers, ink=())
+    place = np.array((target.x_um, target.y_um))
+    shot = shoot(layers, target, Lie(200.0, -150.0, 0.1), np.random.default_rng(k))
+    (way,) = lean(Picture.of(np.zeros(shot.frame.shape[:2], dtype=np.uint8), shot.assumed, ()), (*place,))
+    away = np.asarray(way) / np.abs(way).max()
+    body, ink = place - 5000.0 * away, place - 3850.0 * away
+    cad = replace(layers, ink=(Polygon(box(*ink, 500.0, 500.0)),), bodies=(Polygon(box(*body, 1600.0, 1600.0)),))
+    frame = _stood_up(shot, cad.bodies, k)
+    answer = register(prepare(cad, (target.x_um, target.y_um)), frame, shot.assumed, None)
+    assert isinstance(answer, Registration), answer.message
+    assert np.hypot(*(np.asarray(answer.target_um) - shot.truth_um(target))) < 40.0

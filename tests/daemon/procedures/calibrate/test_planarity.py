@@ -16,10 +16,10 @@ from daemon.domain.board_layers import BoardLayers, SideShapes
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.point_mark import Mark, PointMark
 from daemon.domain.states import Event
-from daemon.domain.surface_points import LEAST_PINS, surface_points
+from daemon.domain.surface_points import LEAST_PINS, SurfacePoints, surface_points
 from daemon.procedures.calibrate import planarity
 from daemon.procedures.calibrate.planarity import choose_places
-from daemon.procedures.calibrate.spread import TOUCH_SIGMA_UM, plane_sigma_um
+from daemon.procedures.calibrate.spread import SURE_WITHIN_UM, TOUCH_SIGMA_UM, plane_sigma_um, require_spread
 from daemon.procedures.registry import PROCEDURES
 from daemon.station.kinematics import EXTRAPOLATED_UM, beyond_um
 from daemon.station.station import LookResult
@@ -145,7 +145,7 @@ def test_no_point_is_left_farther_out_than_the_surface_is_believed(seed: str) ->
     ]
     mid = [(f"M{i}", x, y) for i, (x, y) in enumerate([(10e3, 10e3), (40e3, 10e3), (10e3, 40e3), (40e3, 40e3)])]
     flat = tuple(a_board(*crowd, *mid, *corners).points)
-    chosen = choose_places(flat, (), 12, seed)
+    chosen = choose_places(SurfacePoints(flat), BOARD, 12, seed)
     far_um = beyond_um([p.place_um for p in flat], np.array([p.place_um for p in chosen])).max()
     assert far_um <= EXTRAPOLATED_UM
 
@@ -309,13 +309,14 @@ def _points(kind: str, *places: tuple[float, float]) -> tuple[BoardPoint, ...]:
     return a_board(*named, kind=kind).points
 
 
+BOARD = a_board().model_copy(update={"width_um": 80_000.0, "height_um": 50_000.0})
 ALL_OVER = _points("pad", *((x * 1_000.0, y * 1_000.0) for x in range(0, 80, 2) for y in range(0, 50, 2)))
 
 
 def test_pads_of_parts_stand_in_where_flat_points_are_far_away() -> None:
     """Seven test points in a corner of a board of 80 mm, as some boards have them."""
     flat = _points("site", *((14_000.0 + 4_000.0 * k, 12_000.0) for k in range(7)))
-    chosen = choose_places(flat, ALL_OVER, 12, "job")
+    chosen = choose_places(SurfacePoints(flat, ALL_OVER), BOARD, 12, "job")
     assert len(chosen) == 12
     assert sum(point.kind == "site" for point in chosen) == 6
     corners = [(0.0, 0.0), (0.0, 48_000.0), (78_000.0, 0.0), (78_000.0, 48_000.0)]
@@ -326,11 +327,13 @@ def test_pads_of_parts_stand_in_where_flat_points_are_far_away() -> None:
 def test_pads_of_parts_are_left_alone_where_flat_points_are_near() -> None:
     flat = _points("site", *((x, y) for x in (2_000.0, 6_000.0) for y in (2_000.0, 6_000.0)))
     near = _points("pad", *((x * 1_000.0, y * 1_000.0) for x in range(8) for y in range(8)))
-    assert [point.kind for point in choose_places(flat, near, 12, "job")] == ["site"] * 4
+    small = BOARD.model_copy(update={"width_um": 8_000.0, "height_um": 8_000.0})
+    chosen = choose_places(SurfacePoints(flat, near), small, 12, "job")
+    assert [point.kind for point in chosen] == ["site"] * 4
 
 
 def test_a_board_without_any_flat_point_is_measured_on_its_pads() -> None:
-    chosen = choose_places((), ALL_OVER, 12, "job")
+    chosen = choose_places(SurfacePoints((), ALL_OVER), BOARD, 12, "job")
     assert len({point.name for point in chosen}) == 12
     assert min(dist(a.place_um, b.place_um) for a, b in combinations(chosen, 2)) > 10_000.0
 
@@ -345,22 +348,23 @@ PINS = _points("pin", *((x * 1_000.0, y * 1_000.0) for x in range(0, 80, 8) for 
 
 def test_a_board_with_pins_alone_is_measured_on_their_rings() -> None:
     roomy = tuple(p.model_copy(update={"room_um": 100.0 + 10.0 * (k % 5)}) for k, p in enumerate(PINS))
-    flat, instead = surface_points(_by_cad(*roomy))
-    assert flat == ()
-    assert len(instead) == max(LEAST_PINS, len(PINS) // 2)
-    left = {p.name for p in roomy} - {p.name for p in instead}
-    assert min(p.room_um or 0.0 for p in instead) >= max(p.room_um or 0.0 for p in roomy if p.name in left)
-    assert len(choose_places(flat, instead, 12, "job")) == 12
+    offered = surface_points(_by_cad(*roomy))
+    assert (offered.flat, offered.pads) == ((), ())
+    assert len(offered.pins) == max(LEAST_PINS, len(PINS) // 2)
+    left = {p.name for p in roomy} - {p.name for p in offered.pins}
+    assert min(p.room_um or 0.0 for p in offered.pins) >= max(p.room_um or 0.0 for p in roomy if p.name in left)
+    assert len(choose_places(offered, BOARD, 12, "job")) == 12
 
 
 def test_pins_are_left_alone_where_pads_do() -> None:
     pads = _points("pad", *((x * 1_000.0, y * 1_000.0) for x in (0, 70) for y in (0, 40)))
-    assert surface_points(_by_cad(*pads, *PINS)) == ((), pads)
+    chosen = choose_places(surface_points(_by_cad(*pads, *PINS)), BOARD, 12, "job")
+    assert [point.kind for point in chosen] == ["pad"] * 4
 
 
 def test_without_cad_neither_pads_nor_pins_stand_in() -> None:
     pads = _points("pad", *((x * 1_000.0, y * 1_000.0) for x in (0, 70) for y in (0, 40)))
-    assert surface_points(a_board().model_copy(update={"points": (*pads, *PINS)})) == ((), ())
+    assert surface_points(a_board().model_copy(update={"points": (*pads, *PINS)})) == SurfacePoints()
 
 
 # --- spread of the places ---------------------------------------------------------------------------------------------
@@ -374,7 +378,7 @@ BESIDE = ((6_000.0, 26_000.0), (34_000.0, 27_000.0), (20_000.0, 2_000.0))
 def test_places_that_happen_to_lie_in_a_row_are_drawn_anew(count: int) -> None:
     flat = _points("site", *ROW, *BESIDE)
     for seed in range(40):
-        chosen = choose_places(flat, (), count, f"job-{seed}")
+        chosen = choose_places(SurfacePoints(flat), a_board(), count, f"job-{seed}")
         assert len({point.name for point in chosen}) == count
         ys = sorted(point.y_um for point in chosen)
         assert ys[-1] - ys[0] > 5_000.0, f"all in one row with seed {seed}"
@@ -386,6 +390,91 @@ async def test_places_that_lie_nearly_in_a_row_are_refused_before_anything_is_to
     assert fault.kind is FaultCode.CALIBRATION_FAILED
     assert "the places lie on a line, or nearly" in fault.message
     assert world.gantry.moves == []
+
+
+IN_A_ROW = _points("site", *((x, 9_000.0) for x in (6_000.0, 13_000.0, 20_000.0)))
+LONG_ROW = _points("site", *((4_000.0 + 4_000.0 * k, 9_000.0) for k in range(6)))
+IN_A_CORNER = _points("site", *((x, y) for x in (2_000.0, 4_000.0) for y in (2_000.0, 4_000.0)))
+ONLY_TWO = IN_A_ROW[:2]
+PLACES = tuple((x, y) for x in (3_000.0, 10_000.0, 17_000.0, 24_000.0) for y in (3_000.0, 8_000.0, 15_000.0))
+"""Parts all over a small board: none is far from a test point, however these lie."""
+SMALL = {"width_um": 27_000.0, "height_um": 18_000.0}
+
+
+@pytest.mark.parametrize("flat", [IN_A_ROW, LONG_ROW, IN_A_CORNER, ONLY_TWO], ids=["three", "row", "corner", "two"])
+@pytest.mark.parametrize("kind", ["pad", "pin"])
+async def test_where_flat_points_span_no_plane_parts_do_though_they_are_near(
+    tmp_path: Path, flat: tuple[BoardPoint, ...], kind: str
+) -> None:
+    board = _by_cad(*flat, *_points(kind, *PLACES)).model_copy(update=SMALL)
+    world = _world(tmp_path, board)
+    world.height_um = _tilted
+    ran = await _measure(world)
+    assert ran.got.detail["sigma_um"] <= SURE_WITHIN_UM
+    for x, y in ((0.0, 0.0), (27_000.0, 0.0), (0.0, 18_000.0), (27_000.0, 18_000.0)):
+        robot = 60_000.0 + x, 40_000.0 + y
+        assert world.geometry.measured_um(robot) == pytest.approx(_tilted(*robot), abs=0.5)
+
+
+@pytest.mark.parametrize("count", [4, 6, 12])
+def test_pins_stand_in_where_flat_points_and_pads_lie_in_one_row(count: int) -> None:
+    pads, pins = _points("pad", *((x + 500.0, 9_000.0) for x, _ in PLACES)), _points("pin", *PLACES)
+    board = _by_cad(*LONG_ROW, *pads, *pins).model_copy(update=SMALL)
+    for seed in range(10):
+        chosen = choose_places(surface_points(board), board, count, f"job-{seed}")
+        assert any(point.kind == "pin" for point in chosen)
+        assert require_spread(chosen, board, 500.0) <= SURE_WITHIN_UM
+
+
+def test_pins_are_left_alone_where_flat_points_or_pads_span_the_board() -> None:
+    """Of all bare metal a lead's solder stands highest, and varies most."""
+    pins = _points("pin", *((x + 700.0, y + 700.0) for x, y in PLACES))
+    for kind in ("site", "pad"):
+        board = _by_cad(*_points(kind, *PLACES), *pins).model_copy(update=SMALL)
+        assert not any(p.kind == "pin" for p in choose_places(surface_points(board), board, 12, "job"))
+
+
+async def test_metal_that_is_too_narrow_for_this_stations_needle_stands_in_for_nothing(tmp_path: Path) -> None:
+    wide = _points("pin", *PLACES)
+    narrow = tuple(
+        p.model_copy(update={"name": f"narrow{p.name}", "room_um": 64.0, "x_um": p.x_um + 1_000.0}) for p in wide
+    )
+    world = _world(tmp_path, _by_cad(*IN_A_ROW, *wide, *narrow).model_copy(update=SMALL))
+    assert world.config.servo.landing_um + world.config.servo.tip_radius_um == 65.0
+    touched = {what.split()[-1] for _, _, what in (await _measure(world, {"places": 200})).progress}
+    assert touched == {p.name for p in (*IN_A_ROW, *wide)}
+
+
+ALONE = [
+    pytest.param(IN_A_ROW, "has 3 test points; a plane needs 4", id="three"),
+    pytest.param(ONLY_TWO, "has 2 test points; a plane needs 4", id="two"),
+    pytest.param(LONG_ROW, "the places lie on a line, or nearly", id="row"),
+]
+
+
+@pytest.mark.parametrize(("flat", "why"), ALONE)
+async def test_where_nothing_spans_a_plane_what_that_costs_is_said(
+    tmp_path: Path, flat: tuple[BoardPoint, ...], why: str
+) -> None:
+    """Nothing is known of the height then but what the configuration promises."""
+    world = _world(tmp_path, _by_cad(*flat).model_copy(update=SMALL), gantry={"surface_range_um": 430.0})
+    fault = await _fault(world)
+    assert fault.kind is FaultCode.CALIBRATION_FAILED
+    assert why in fault.message
+    assert "known to 430 um only" in fault.message
+    assert world.gantry.moves == []
+
+
+async def test_of_points_in_one_corner_it_is_said_how_badly_the_rest_would_be_known(tmp_path: Path) -> None:
+    world = _world(tmp_path, _by_cad(*IN_A_CORNER))
+    fault = await _fault(world)
+    assert "the places lie close together: heights beside them would be known to 39 um only" in fault.message
+    assert world.gantry.moves == []
+
+
+async def test_a_plane_known_worse_than_the_configuration_promises_costs_no_more_than_that(tmp_path: Path) -> None:
+    world = _world(tmp_path, _by_cad(*IN_A_CORNER), gantry={"surface_range_um": 20.0})
+    assert "known to 20 um only" in (await _fault(world)).message
 
 
 async def test_how_surely_the_plane_is_known_is_told(world: World) -> None:
