@@ -97,12 +97,12 @@ def _bracketed(value: Any) -> str:
 def sentence(result: JobResult) -> str:
     """Say how a job ended."""
     where = f" {escape(result.test_point)}" if result.test_point else ""
+    what = f"{result.detail['what']} " if result.op == "calibrate" and "what" in result.detail else ""
     if result.error is not None:
         why = f"{result.error.name} ({result.error.code}), {escape(result.error.message)}"
-        return f"[red]{result.op}{where} failed[/]: {why}"
+        return f"[red]{result.op}{f' {what}'.rstrip()}{where} failed[/]: {why}"
     before, after = result.error_before_um, result.error_after_um
     error = "" if before is None else f", {before:.0f} um off" if after is None else f", {before:.0f} -> {after:.0f} um"
-    what = f"{result.detail['what']} " if result.op == "calibrate" and "what" in result.detail else ""
     did = [f", {n} {name}{'s'[: n != 1]}" for n, name in ((result.looks, "look"), (result.moves, "move")) if n]
     return f"[green]{what}{result.outcome}[/]{where}{error}{''.join(did)}"
 

@@ -77,12 +77,12 @@ def _show(reply: dict[str, Any]) -> None:
     """Print alerts with all that belongs to them, then the table of watches."""
     standing = reply["standing"]
     for alert in standing:
-        colour = COLOURS[alert["severity"]]
-        out.print(f"[bold {colour}]{alert['severity']}[/] [bold]{alert['name']}[/]: {escape(alert['message'])}",
+        colour, message = COLOURS[alert["severity"]], escape(as_commands(alert["message"]))
+        out.print(f"[bold {colour}]{alert['severity']}[/] [bold]{alert['name']}[/]: {message}",
                   highlight=False, soft_wrap=True)  # fmt: skip
         out.print(f"  since about {alert['since_touches']} touches, {alert['since_at'][:16]} UTC", highlight=False)
         for line in alert["evidence"][-3:]:
-            out.print(f"  [dim]{escape(line)}[/]", highlight=False, soft_wrap=True)
+            out.print(f"  [dim]{escape(as_commands(line))}[/]", highlight=False, soft_wrap=True)
         out.print(f"  [dim]->[/] {escape(as_commands(alert['advice']))}", highlight=False, soft_wrap=True)
         if known := alert["acknowledged"]:
             note = f": {known['note']}" if known["note"] else ""

@@ -41,7 +41,7 @@ def _guarded(callback: Callable[..., Any]) -> Callable[..., Any]:
         except OSError as exc:
             if os.environ.get(SHOW):
                 raise
-            fail(_of_file(exc), advice="see that the path is right and may be read or written", code=USAGE)
+            fail(_of_file(exc), advice=_cure(exc), code=USAGE)
         except zmq.ZMQError as exc:
             fail(str(exc), advice="write tcp://127.0.0.1:5555 or ipc:///run/reprobe/control", code=USAGE)
         except Exception as exc:  # whatever it is: a library's own kind is no child of any other
@@ -58,5 +58,12 @@ def _guarded(callback: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _of_file(exc: OSError) -> str:
-    where = f"{exc.filename}: " if exc.filename else ""
-    return f"{where}{exc.strerror or exc}"
+    """Say which file; of a rename the second is the one that was asked for, the first a passing one of our own."""
+    file = exc.filename2 or exc.filename
+    return f"{file}: {exc.strerror or exc}" if file else f"{exc.strerror or exc}"
+
+
+def _cure(exc: OSError) -> str:
+    if isinstance(exc, IsADirectoryError):
+        return "it is a folder, and a file is wanted: give the name of one"
+    return "see that the path is right and may be read or written"

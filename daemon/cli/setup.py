@@ -131,6 +131,6 @@ def _farewell(guided: Setup, skipped: list[str]) -> None:
     say = guided.dialogue.say
     if skipped:
         say(f"\nSkipped: {', '.join(skipped)}. `reprobe setup -c {guided.file} --only NAME` does one of them.")
-    say(f"\nThe station is set up in {guided.file}. Start its daemon, then:")
+    say(f"\nThe station is set up in {guided.file}. Start its daemon (`systemctl start reprobe`), then:")
     for step in ("reprobe home", "reprobe align        for each board that is put in", "reprobe place TP7"):
         say(f"  {step}")

@@ -143,9 +143,9 @@ class WatchView:
         if self.heard_s is None:
             # Nothing is known: neither that all is well nor that anything is wrong
             return Panel(self._headline(now_s), title="reprobe")
-        above, health = [self._headline(now_s), self._alerts(cures=True), self._job()], self._health()
+        above, health = [self._wrong_now(now_s, cures=True), self._job()], self._health()
         if FRAMES + LEAST_RESULTS + sum(_height(part, width) for part in (*above, health)) > height:
-            above[1] = self._alerts(cures=False)
+            above[0] = self._wrong_now(now_s, cures=False)
         taken = FRAMES + sum(_height(part, width) for part in (*above, health))
         room = max(1, height - taken)
         newest = self._newest()
@@ -155,6 +155,12 @@ class WatchView:
         results = self._results(newest, min(RESULTS, max(1, room - lines + (newest is not None))))
         parts = [*above, results, health]
         return Panel(Group(*parts), title=f"reprobe {escape(self.station)}", subtitle=self.version)
+
+    def _wrong_now(self, now_s: float, *, cures: bool) -> str:
+        """Return the lines above all others; where there is no worse, the first alert stands in the first of them."""
+        headline, alerts = self._headline(now_s), self._alerts(cures=cures)
+        is_worst = bool(self.alerts) and self.state != "fault" and "\n" not in headline
+        return f"{headline}, {alerts}" if is_worst else f"{headline}\n{alerts}"
 
     def _headline(self, now_s: float) -> str:
         start = "start it: `systemctl start reprobe`, or name its --endpoint"
@@ -215,7 +221,7 @@ class WatchView:
             failed = bool(self.results) and not self.results[-1].ok
             return "[dim]no alerts; the last job failed, see below[/]" if failed else "[green]no alerts[/]"
         standing = sorted(self.alerts.items())
-        lines = [f"[yellow]alert {escape(name)}[/]: {escape(text)}{self._cure(name, wanted=cures)}"
+        lines = [f"[yellow]alert {escape(name)}[/]: {escape(as_commands(text))}{self._cure(name, wanted=cures)}"
                  for name, text in standing[:MOST_ALERTS]]  # fmt: skip
         if len(standing) > MOST_ALERTS:
             lines.append(f"[yellow]and {len(standing) - MOST_ALERTS} more: `reprobe health`[/]")

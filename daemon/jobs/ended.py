@@ -26,6 +26,7 @@ class EndedJob:
     def result(self, station: str, seq: int) -> JobResult:
         """Put the result into words, under the number of the event that carries it."""
         job, outcome, fault = self.job, self.outcome, self.fault
+        what = getattr(self.request, "what", None)  # of an operation of several kinds; a failed one says nothing itself
         return JobResult(
             id=self.request.id,
             op=self.request.op,
@@ -41,6 +42,6 @@ class EndedJob:
             moves=job.moves,
             timing_ms=self.timing_ms,
             pictures=str(self.folder) if self.folder and job.looks else None,
-            detail=outcome.detail,
+            detail={**({} if what is None else {"what": what}), **outcome.detail},
             error=ErrorBody.of(fault) if fault else None,
         )

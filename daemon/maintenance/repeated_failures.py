@@ -64,16 +64,16 @@ class RepeatedFailures:
             return None
         (error, times), op = max(found, key=lambda one: (one[0][1], one[1]))
         of = len(self._endings[op])
-        return f"`{op}` failed {times} times of its last {of} by {error.name}: {error.message}; {error.advice}"
+        return f"{op} failed {times} times of its last {of} by {error.name}: {error.message}; {error.advice}"
 
     def _failed(self, op: str) -> tuple[ErrorBody, int] | None:
-        """Return the last error of the kind that repeats, and how often it was; None if none does, or it is over."""
+        """Return the newest error of a kind that repeats, and how often it was; None if none does, or it is over."""
         endings = self._endings[op]
         counted = Counter(error.name for error in endings if error is not None)
-        name, times = counted.most_common(1)[0] if counted else ("", 0)
-        if times < REPEATED:
+        newest = next((one for one in reversed(endings) if one is not None and counted[one.name] >= REPEATED), None)
+        if newest is None:
             return None
         well = next(n for n, error in enumerate(reversed(endings)) if error is not None)
         if well >= (REPEATED if op in self._of_points else 1):
             return None
-        return next(error for error in reversed(endings) if error is not None and error.name == name), times
+        return newest, counted[newest.name]

@@ -51,7 +51,9 @@ def _draw(
 
     try:
         (write_charts if only_charts else write_month)(read_month(journal, station, *span), output)
-    except (NoJournal, OSError) as exc:
+    except NoJournal as exc:
+        return say(f"{exc}: {exc.advice}", NOT_WRITTEN)
+    except OSError as exc:
         return say(str(exc), NOT_WRITTEN)
     return OK
 

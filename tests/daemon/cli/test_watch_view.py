@@ -70,7 +70,7 @@ def test_an_alert_is_shown_with_its_cure_where_there_is_room() -> None:
     view.take_snapshot({**SNAPSHOT, "alerts": [{"name": "tip", "message": "bent", "advice": "straighten it"}]}, 0.0)
     console = Console(width=80, record=True, file=io.StringIO())
     console.print(view.render(1.0, 80, 24))
-    assert "alert tip: bent -> straighten it" in console.export_text()
+    assert "idle, alert tip: bent -> straighten it" in console.export_text().splitlines()[1]
     console.print(view.render(1.0, 80, 11))
     cramped = console.export_text()
     assert "alert tip: bent" in cramped

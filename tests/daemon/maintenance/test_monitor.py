@@ -133,7 +133,7 @@ async def test_the_third_failure_in_the_same_way_is_no_healthy_station(tmp_path:
             await _settled(monitor)
         assert not monitor.overview()["healthy"]
         assert [a["name"] for a in heard.alerts] == ["repeated_failures"]
-        assert "`align` failed 3 times of its last 3 by no_board: no board; lay it in" in heard.alerts[0]["message"]
+        assert "align failed 3 times of its last 3 by no_board: no board; lay it in" in heard.alerts[0]["message"]
         well = JobResult(
             id="job-4", op="align", ok=True, seq=5, station="s", finished_at="t", outcome="aligned"
         )  # fmt: skip

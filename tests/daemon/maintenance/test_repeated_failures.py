@@ -31,7 +31,7 @@ WELL = _ended()
 def test_the_third_failure_of_one_kind_is_told_with_its_cause_and_its_cure() -> None:
     assert _told(FAILED, FAILED) is None
     said = _told(FAILED, WELL, FAILED, FAILED) or ""
-    assert said.startswith("`correct` failed 3 times of its last 4 by tip_not_found: the probe tip was not found; ")
+    assert said.startswith("correct failed 3 times of its last 4 by tip_not_found: the probe tip was not found; ")
     assert "Clean it" in said
 
 
@@ -51,6 +51,11 @@ def test_it_is_over_when_as_many_went_well_in_a_row_or_one_that_is_done_once() -
     lost = _ended("align", FaultCode.NO_BOARD)
     assert _told(lost, lost, lost) is not None
     assert _told(lost, lost, lost, _ended("align")) is None
+
+
+def test_of_two_kinds_that_repeat_the_newer_one_is_named() -> None:
+    dark = _ended(kind=FaultCode.FRAME_UNUSABLE)
+    assert "by frame_unusable" in (_told(*[FAILED] * 4, *[dark] * 3) or "")
 
 
 def test_failures_of_several_kinds_or_long_ago_are_no_repetition() -> None:
