@@ -7,7 +7,7 @@ import random
 import time
 from typing import Any
 
-from tests.bench.faults.station import Station
+from tests.bench.faults.station import LOOKED_EVERY_S, Station
 
 FAULTS: tuple[tuple[str, dict[str, Any]], ...] = (
     ("cable_out", {}),
@@ -98,4 +98,5 @@ def _until_begun(station: Station, state: str, chance: random.Random) -> None:
         begun = {"look": truth.light > 0, "correct": truth.light > 0, "surface": truth.pressed_um > 0}
         if begun.get(state, truth.moving):
             break
+        time.sleep(LOOKED_EVERY_S)
     time.sleep(chance.uniform(0.0, 0.1))

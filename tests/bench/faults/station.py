@@ -33,6 +33,8 @@ THETA_DEG = 60.0
 REFERENCE_UM = (15_000.0, 9_000.0)
 TRIES = 10
 PRESSED_WITHIN_S = 10.0
+LOOKED_EVERY_S = 0.004
+"""A moment is waited for so finely; asking without a pause would keep the simulated station from its work."""
 DISK_MB = 96
 
 
@@ -157,7 +159,7 @@ class Station:
         """Wait until the pin is pressed, not longer than a job takes to do it."""
         give_up_s = time.monotonic() + PRESSED_WITHIN_S
         while self.truth().pressed_um <= 0 and time.monotonic() < give_up_s:
-            time.sleep(0.002)
+            time.sleep(LOOKED_EVERY_S)
 
     def recover(self, *, home: bool = False) -> None:
         """Do what a person would until the station is idle: lift, reset, home."""
