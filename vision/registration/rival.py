@@ -37,8 +37,12 @@ from vision.registration.whole import Place, Whole, find_in
 
 GREY_MASK, GREY_STEP = 60.0, 120.0
 """Level of mask in a picture made of CAD, and from there to metal."""
-PEAKS, APART = 4, 6
-"""Places tried of each side and turn, and by how many cells they are apart."""
+APART = 6
+"""Places that are tried are by so many cells apart."""
+WINDOWS = ((wide.WIDE_UM, 4), (spectra.WINDOW_UM, 2))
+"""Half the windows in which they are looked for, and how many of each side and turn are tried: a look finds its
+hypotheses by what is near, and of two sides with the same connector ink and parts farther off may be all the
+difference."""
 ITSELF_UM = 600.0
 """A window shifted by less is itself."""
 NEAR_UM = 3000.0
@@ -85,12 +89,13 @@ class Searched:
 
     def __init__(self, whole: Whole) -> None:
         self.whole = whole
+        self._spectra: dict[int, spectra.Spectra] = {}
 
-    @cached_property
-    def spectra(self) -> spectra.Spectra:
-        """Spectra of the whole side, for windows of a wide check."""
-        grid = self.whole.search.grid
-        return spectra.transform_all(self.whole.search, 2 * round(wide.WIDE_UM / grid.cell_um))
+    def spectra(self, cells: int) -> spectra.Spectra:
+        """Return spectra of the whole side, for windows as wide."""
+        if cells not in self._spectra:
+            self._spectra[cells] = spectra.transform_all(self.whole.search, cells)
+        return self._spectra[cells]
 
     @cached_property
     def look(self) -> NDArray[np.float32]:
@@ -114,12 +119,27 @@ def takings(place_um: tuple[float, float], sides: Sequence[Searched]) -> Iterato
     """Yield how a look at a place of the first side would judge the likest places of all sides, turned by quarters."""
     here = sides[0].whole
     sheet = make_sheet(here.wide.around(*place_um, 1.2 * wide.WIDE_UM))
-    shown, seen = _on(sides[0], wide.window(place_um, here.search.grid.cell_um))
     for number, side in enumerate(sides):
-        for place in find_in(side.spectra, side.whole, shown, seen, PEAKS, APART):
+        for place in likest(place_um, sides[0], side):
             taken = _take(sheet, place_um, side, place, number)
             if taken is not None:
                 yield taken
+
+
+def likest(place_um: tuple[float, float], here: Searched, side: Searched) -> list[Place]:
+    """Return the places of a side, turned by quarters, that look most like one of `here`: all about it, or near it."""
+    cell_um = here.whole.search.grid.cell_um
+    found: list[Place] = []
+    for half_um, peaks in WINDOWS:
+        shown, seen = _on(here, wide.window(place_um, cell_um, half_um))
+        more = find_in(side.spectra(shown.shape[0]), side.whole, shown, seen, peaks, APART)
+        found += [place for place in more if not any(_same(place, other, side) for other in found)]
+    return found
+
+
+def _same(one: Place, other: Place, side: Searched) -> bool:
+    apart_um = math.hypot(one.x_um - other.x_um, one.y_um - other.y_um)
+    return one.quarters == other.quarters and apart_um < APART * side.whole.search.grid.cell_um
 
 
 def _on(side: Searched, window: Grid) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:

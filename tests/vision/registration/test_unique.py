@@ -5,6 +5,7 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
+import pytest
 
 from tests.vision.registration.drawn import HEIGHT_UM, WIDTH_UM, Lie, box, circle, shoot, some_board
 from vision.registration import (
@@ -21,6 +22,7 @@ from vision.registration import (
     register,
     unique_places,
 )
+from vision.registration.rival import Searched, likest
 
 CORNERS = ((4500.0, 4500.0), (WIDTH_UM - 4500.0, HEIGHT_UM - 4500.0))
 RED = 2
@@ -87,3 +89,31 @@ def test_at_no_place_called_unique_is_the_turned_board_registered_and_the_board_
         assert all(_looks(at, Lie(60.0, -40.0)))
         # A look for a target asks for less agreement, so its place has to be more unlike all others.
         assert how_unique(at, whole, None).rival_score >= place.rival_score
+
+
+def _with_header(seed: int, at_um: tuple[float, float]) -> SideLayers:
+    """Return a board with the same small header at a place, and about it only what is its own."""
+    layers, _ = some_board(seed)
+
+    def elsewhere(polygons: tuple[Polygon, ...]) -> tuple[Polygon, ...]:
+        return tuple(p for p in polygons if np.abs(p.points_um - at_um).max(axis=1).min() > 2900.0)
+
+    pins = [(at_um[0] + dx, at_um[1] + dy) for dx, dy in ((-1800, 0), (-600, 500), (600, 500), (1800, -400))]
+    metal = tuple(Polygon(circle(*pin, 1000.0)) for pin in pins)
+    holes = tuple(h for h in layers.holes if max(abs(h.x_um - at_um[0]), abs(h.y_um - at_um[1])) > 2900.0)
+    return replace(
+        layers,
+        copper=(*elsewhere(layers.copper), *metal),
+        openings=(*elsewhere(layers.openings), *metal),
+        ink=elsewhere(layers.ink),
+        holes=(*holes, *(Hole(*pin, 500.0) for pin in pins)),
+    )
+
+
+@pytest.mark.parametrize("seed", [21, 22, 23])
+def test_what_is_alike_near_on_the_other_side_is_tried_whatever_lies_farther_off(seed: int) -> None:
+    """A look finds its hypotheses by what is near."""
+    at, there = (18_000.0, 14_000.0), (16_000.0, 14_500.0)
+    here, other = Searched(draw_whole(_with_header(3, at))), Searched(draw_whole(_with_header(seed, there)))
+    unturned = [place for place in likest(at, here, other) if place.quarters == 0]
+    assert any(np.hypot(place.x_um - there[0], place.y_um - there[1]) < 400.0 for place in unturned)
