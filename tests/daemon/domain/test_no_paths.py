@@ -32,5 +32,5 @@ def test_an_error_tells_its_device_as_a_fact_and_no_path_in_its_sentence() -> No
         FaultCode.LINK_LOST, "/dev/ttyUSB0: silent", device="/dev/ttyUSB0", axis="x", advice="see /dev/ttyUSB0"
     )
     body = ErrorBody.of(fault)
-    assert (body.message, body.advice) == ("ttyUSB0: silent", "see ttyUSB0")
+    assert (body.message, body.advice) == ("ttyUSB0: silent", "see ttyUSB0, then `reset`")
     assert body.detail == {"device": "/dev/ttyUSB0", "axis": "x"}

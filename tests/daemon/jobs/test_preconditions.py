@@ -42,7 +42,7 @@ def test_a_fault_refuses_and_names_its_first_cause() -> None:
     with pytest.raises(Fault, match="the daemon is in fault: z stands still") as caught:
         refuse_in_fault(latched)
     assert caught.value.kind is FaultCode.IN_FAULT
-    assert caught.value.advice == "free it"
+    assert caught.value.advice == "free it, then `reset` and `home`"
     assert caught.value.detail["first_cause"]["code"] == FaultCode.AXIS_STALLED.code
 
 
