@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.shares import STATION, Share, shares, summary
+from tests.shares import FEW_FILES, STATION, Share, shares, summary, unsteady_perhaps
 
 ROOT = Path(__file__).parents[2]
 
@@ -40,6 +40,22 @@ def test_a_run_of_few_words_is_counted_too_and_one_of_no_test_is_not_well() -> N
 
 def test_a_share_that_was_cut_off_is_never_well() -> None:
     assert "'x' did not come to its end" in summary([_share("")], [-9], 1.0)
+
+
+def test_few_files_with_a_failure_run_once_more_and_how_that_ended_is_told() -> None:
+    bad = _share(
+        "FAILED tests/b.py::test_x[a - b] - assert 0\nFAILED tests/b.py::test_y (setup)\n=== 2 failed in 3.00s ==="
+    )
+    assert unsteady_perhaps([bad], [1]) == ["tests/b.py"]
+    assert summary([bad], [1], 1.0, 0).endswith("UNSTEADY: what failed passed alone; see to it")
+    assert summary([bad], [1], 1.0, 1).endswith("not all is well: it failed again")
+
+
+def test_many_files_with_a_failure_or_a_share_that_was_cut_off_are_no_chance() -> None:
+    many = _share("\n".join(f"FAILED tests/{n}.py::test_x - assert 0" for n in range(FEW_FILES + 1)))
+    assert unsteady_perhaps([many], [1]) == []
+    assert unsteady_perhaps([_share("FAILED tests/b.py::test_x - assert 0")], [-9]) == []
+    assert unsteady_perhaps([_share("1 passed in 1.00s")], [0]) == []
 
 
 def test_every_file_of_a_station_is_in_one_share(monkeypatch: pytest.MonkeyPatch) -> None:
