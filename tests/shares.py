@@ -1,7 +1,7 @@
 """Run of all tests in shares, two at a time: a line whenever a file is done, failures as they come, one summary.
 
 One share computes on one core; the others mostly wait for wires. Files with a failure run once more, alone, where they
-are few: what fails again is a defect, and what does not is told as unsteady, for somebody to see to.
+are few: it is red all the same, but the last line says whether it is unsteady or fails alone as well.
 `python -m tests.shares [ARGUMENTS OF PYTEST]`.
 """
 
@@ -88,7 +88,7 @@ def main(arguments: list[str]) -> int:
     files = [] if None in ends else unsteady_perhaps(begun, codes)
     again = run("once more", [*files, *arguments]) if files else None
     print(summary(begun[: len(codes)], codes, time.monotonic() - began_s, again), flush=True)  # noqa: T201
-    return max((*codes, *(130 for end in ends if end is None)), key=abs) if again is None else again
+    return max((*codes, *(130 for end in ends if end is None)), key=abs)
 
 
 def unsteady_perhaps(begun: list[Share], codes: list[int]) -> list[str]:
@@ -116,9 +116,7 @@ def summary(begun: list[Share], codes: list[int], took_s: float, again: int | No
     well = passed > 0 and all(code in {0, 5} for code in codes)
     lines.append("all is well" if well else "not all is well" if passed or bad else "no test was run")
     if again is not None:
-        lines[-1] = (
-            "UNSTEADY: what failed passed alone; see to it" if again == 0 else "not all is well: it failed again"
-        )
+        lines[-1] = f"not all is well: what failed {'failed again' if again else 'passed'} alone"
     return "\n".join(["", *lines])
 
 

@@ -47,8 +47,8 @@ def test_few_files_with_a_failure_run_once_more_and_how_that_ended_is_told() -> 
         "FAILED tests/b.py::test_x[a - b] - assert 0\nFAILED tests/b.py::test_y (setup)\n=== 2 failed in 3.00s ==="
     )
     assert unsteady_perhaps([bad], [1]) == ["tests/b.py"]
-    assert summary([bad], [1], 1.0, 0).endswith("UNSTEADY: what failed passed alone; see to it")
-    assert summary([bad], [1], 1.0, 1).endswith("not all is well: it failed again")
+    assert summary([bad], [1], 1.0, 0).endswith("not all is well: what failed passed alone")
+    assert summary([bad], [1], 1.0, 1).endswith("not all is well: what failed failed again alone")
 
 
 def test_many_files_with_a_failure_or_a_share_that_was_cut_off_are_no_chance() -> None:
