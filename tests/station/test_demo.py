@@ -55,7 +55,10 @@ def test_first_touches_fail_for_more_than_one_reason_and_each_is_cured_by_what_i
 def test_a_recovered_point_has_pictures_of_the_miss_and_of_the_hit(
     ended: subprocess.CompletedProcess[str], told: dict[str, Any], out: Path
 ) -> None:
-    """Of a first look that was refused there is none: what could not be seen is not drawn."""
+    """Of a first look that was refused there is none: what could not be seen is not drawn.
+
+    A film that the second press broke leaves one picture: the look found the needle on the pad and moved nothing.
+    """
     page = (out / "index.html").read_text()
     recovered = [point for point in told["points"] if point["recovered_by"] == "look"]
     assert recovered, ended.stderr
@@ -63,7 +66,8 @@ def test_a_recovered_point_has_pictures_of_the_miss_and_of_the_hit(
     for point in recovered:
         folder = Path(point["pictures"])
         kept = [name for name in ("before-landing.jpg", "after-landing.jpg") if (folder / name).is_file()]
-        assert "after-landing.jpg" in kept
+        assert kept, point
+        assert "after-landing.jpg" in kept or point["cause"] == "film", point
         for name in kept:
             assert (folder / name).stat().st_size > 10_000
             assert f"{folder.name}/{name}" in page
