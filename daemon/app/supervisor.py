@@ -46,7 +46,9 @@ FRAME_WITHIN_S = 8.0
 FRESH_WITHIN_S = 1.5
 """What a camera that is well may take at most for a picture."""
 LOOK_EVERY_S = 20.0
-"""At rest a picture is looked at this often, and once after every job that took some: both lamps are off."""
+"""At rest a picture is looked at this often, and soon after every job that took some: both lamps are off."""
+REST_S = 0.2
+"""So long nothing has begun before it is looked: a job that follows at once shares no picture of ours."""
 ASK_AGAIN_S = 0.1
 """How often a reset that waits looks whether a job has begun before it."""
 STOP_AGAIN_S, ASK_UNOPENED_S = 0.1, 1.0
@@ -84,6 +86,8 @@ class StationSupervisor:
         self._seen = -1
         """How many pictures the camera had delivered when one was looked at last."""
         self._look_again_s = 0.0
+        self.lamp_is_lent: Callable[[], bool] = lambda: False
+        """Whether a lamp shines because a person wants it to."""
 
     @property
     def hardware(self) -> Hardware | None:
@@ -278,6 +282,7 @@ class StationSupervisor:
         async with asyncio.TaskGroup() as group:
             group.create_task(self._stop_what_may_run())
             group.create_task(self._look_after())
+            group.create_task(self._look_when_free())
 
     async def _stop_what_may_run(self) -> None:
         """Repeat every stop that was not confirmed; a move that begins does that by itself."""
@@ -317,6 +322,13 @@ class StationSupervisor:
                     await self._forget_homing(self._hardware)
                 else:
                     await self._check_z_in_fault(self._hardware)
+
+    async def _look_when_free(self) -> None:
+        """Look for a lamp that shines soon after whoever held the station has let go of it."""
+        while True:
+            await self._lock.freed.wait()
+            self._lock.freed.clear()
+            await asyncio.sleep(REST_S)
             await self._check_darkness()
 
     async def _rest(self) -> None:
@@ -400,23 +412,27 @@ class StationSupervisor:
         The lock is not held: no job waits for a picture of ours. What a job does meanwhile makes the picture void.
         """
         hardware = self._hardware
+        if self.lamp_is_lent():
+            self._look_again_s = 0.0  # once it was given back
         if hardware is None or not self._at_rest() or not self._time_to_look(hardware):
             return
-        seen = hardware.camera.statistics().delivered
+        works = self._lock.works
         self._looked(hardware)
         try:
             await require_dark(hardware, self._settings.config.lights.dark_level, Deadline.after(FRESH_WITHIN_S))
         except CameraError as exc:
             log.debug("darkness_not_seen", error=str(exc))
         except Exception as exc:  # noqa: BLE001  # whatever the picture tells becomes the station's fault
-            if self._at_rest() and hardware.camera.statistics().delivered == seen + 1:
+            if self._at_rest() and self._lock.works == works:
                 fault = _latched(as_fault(exc))
                 log.error("light_at_rest", error=fault.message)
                 self._latch.latch(fault)
         self._looked(hardware)
+        if self._lock.works != works:
+            self._look_again_s = 0.0  # that picture told nothing
 
     def _at_rest(self) -> bool:
-        return self._lock.holder is None and self._latch.state is State.IDLE
+        return self._lock.holder is None and self._latch.state is State.IDLE and not self.lamp_is_lent()
 
     def _time_to_look(self, hardware: Hardware) -> bool:
         return hardware.camera.statistics().delivered != self._seen or time.monotonic() >= self._look_again_s

@@ -33,6 +33,11 @@ class LampLease:
         lock.leave = self.leave
         latch.subscribe(lambda _change: self._end_soon(0.0) if latch.fault is not None else None)
 
+    @property
+    def burning(self) -> bool:
+        """Whether a lamp shines because a person wants it to."""
+        return self._burning
+
     async def switch(self, light: Light, lease_s: float) -> None:
         """Switch a lamp on for so long, or all off; raise `Fault` unless the station is idle."""
         self._require_idle()

@@ -18,7 +18,9 @@ class StationLock:
     def __init__(self) -> None:
         self._lock = asyncio.Lock()
         self._holder: Holder | None = None
-        self._turns = 0
+        self._turns = self._works = 0
+        self.freed = asyncio.Event()
+        """Set whenever it was given back; the supervisor waits for it and clears it."""
         self.leave: Callable[[], Awaitable[None]] | None = None
         """Undoes what a person has switched on; called for who works with the station, before anything else."""
 
@@ -31,6 +33,11 @@ class StationLock:
     def turns(self) -> int:
         """How often it was taken so far; who waits sees by it that those before it come to their end."""
         return self._turns
+
+    @property
+    def works(self) -> int:
+        """How often it was taken so far by who may light a lamp or move something: by all but health checks."""
+        return self._works
 
     def goes_on_as(self, holder: Holder) -> None:
         """Say that who holds it does something else from here on: a job that was answered only keeps its images."""
@@ -47,6 +54,7 @@ class StationLock:
         await self._take(every_s, still_waiting)
         self._holder = holder
         self._turns += 1
+        self._works += holder != "health check"
         try:
             if self.leave is not None and holder in WORKS:
                 await self.leave()
@@ -54,6 +62,7 @@ class StationLock:
         finally:
             self._holder = None
             self._lock.release()
+            self.freed.set()
 
     async def _take(self, every_s: float | None, still_waiting: Callable[[], None]) -> None:
         """Take the lock; the place in the line is kept while `still_waiting` is called."""

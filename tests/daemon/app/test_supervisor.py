@@ -345,8 +345,9 @@ async def test_a_lamp_that_shines_at_rest_is_a_fault_until_a_picture_is_dark(sta
     await _until(lambda: station.hardware.delivered == 1)
     await _until(lambda: station.hardware.did.count("check_health") > 5)
     assert (station.hardware.delivered, station.latch.state) == (1, State.IDLE), "nobody has used the lamps since"
-    station.hardware.lit_level = 90
-    station.hardware.delivered += 2  # a job took two pictures
+    async with station.lock.hold("job"):
+        station.hardware.lit_level = 90
+        station.hardware.delivered += 2  # the job took two pictures
     await _until(lambda: station.latch.fault is not None)
     looking.cancel()
     assert station.latch.fault is not None
@@ -357,6 +358,48 @@ async def test_a_lamp_that_shines_at_rest_is_a_fault_until_a_picture_is_dark(sta
     station.hardware.lit_level = 5
     assert await station.supervisor.reset() is None
     assert station.latch.state is State.IDLE
+
+
+async def test_a_lamp_that_stays_on_is_found_when_the_job_ends_not_with_the_next_check(station: Station) -> None:
+    station.check_every(3600.0)
+    await station.supervisor.open()
+    looking = asyncio.create_task(station.supervisor.run())
+    await _until(lambda: station.hardware.delivered == 1)  # the look at the start is done
+    async with station.lock.hold("job"):
+        station.hardware.lit_level = 90
+        station.hardware.delivered += 2  # the job took two pictures
+    await _until(lambda: station.latch.fault is not None)
+    looking.cancel()
+    assert station.latch.fault is not None
+    assert station.latch.fault.kind is FaultCode.LIGHT_FAILED
+
+
+async def test_pictures_for_viewers_do_not_hide_a_lamp_that_shines(station: Station) -> None:
+    await station.supervisor.open()
+    station.hardware.lit_level = 90
+
+    async def viewers(what: str) -> None:
+        station.hardware.delivered += what == "frame"
+
+    station.watch(viewers)
+    await station.supervisor.first_check(Watchdog())
+    assert station.latch.fault is not None
+
+
+async def test_a_lamp_that_a_person_has_on_is_no_fault_and_is_looked_after_once_it_is_given_back(
+    station: Station,
+) -> None:
+    station.check_every(0.001)
+    await station.supervisor.open()
+    lent = station.hardware.lit_level = 90
+    station.supervisor.lamp_is_lent = lambda: bool(lent)
+    looking = asyncio.create_task(station.supervisor.run())
+    station.hardware.delivered += 1  # a viewer's
+    await _until(lambda: station.hardware.did.count("check_health") > 500)
+    assert (station.latch.fault, station.hardware.did.count("frame")) == (None, 0)
+    lent = 0
+    await _until(lambda: station.latch.fault is not None)
+    looking.cancel()
 
 
 async def test_a_picture_taken_at_rest_is_void_once_a_job_has_begun_and_holds_none_up(station: Station) -> None:
