@@ -53,32 +53,36 @@ OFFERED = 8
 class Way:
     """How a seat may be wrong: where the board lies, and which is drawn: `own`, `other` (side up), `foreign`."""
 
-    lie: Callable[[boards.Side, Target, np.random.Generator], Lie | None]
+    lie: Callable[[boards.Side, Target | None, np.random.Generator], Lie | None]
     drawn: str = "own"
     right: bool = True
 
 
-def _off(most_um: float) -> Callable[[boards.Side, Target, np.random.Generator], Lie]:
-    def lie(_side: boards.Side, _target: Target, rng: np.random.Generator) -> Lie:
+def _off(most_um: float) -> Callable[[boards.Side, Target | None, np.random.Generator], Lie]:
+    def lie(_side: boards.Side, _target: Target | None, rng: np.random.Generator) -> Lie:
         x_um, y_um = rng.uniform(-most_um, most_um, 2)
         return Lie(float(x_um), float(y_um), turn_deg=float(rng.normal(0.0, 0.15)))
 
     return lie
 
 
-def _turned(side: boards.Side, target: Target, rng: np.random.Generator) -> Lie:
+def _displaced(side: boards.Side, target: Target | None, rng: np.random.Generator) -> Lie | None:
+    return None if target is None else kinds.KINDS["displaced_5mm"].lie(side, target, rng)
+
+
+def _turned(side: boards.Side, target: Target | None, rng: np.random.Generator) -> Lie:
     near = _off(400.0)(side, target, rng)
     return Lie(near.x_um, near.y_um, near.turn_deg, quarters=int(rng.choice([1, 2, 2, 3])))
 
 
-def _other(side: boards.Side, target: Target, rng: np.random.Generator) -> Lie:
+def _other(side: boards.Side, target: Target | None, rng: np.random.Generator) -> Lie:
     near = _off(400.0)(side, target, rng)
     return Lie(near.x_um, near.y_um, near.turn_deg, quarters=int(rng.choice([0, 0, 2])))
 
 
 WAYS = {
     "near": Way(_off(450.0)),
-    "displaced": Way(kinds.KINDS["displaced_5mm"].lie),
+    "displaced": Way(_displaced),
     "turned": Way(_turned, right=False),
     "other side": Way(_other, "other", right=False),
     "foreign": Way(_off(400.0), "foreign", right=False),
@@ -103,7 +107,8 @@ def sit(board: str, side: str, name: str, seed: int, *, fitted: bool) -> dict[st
     way, places = WAYS[name], _places(board, side, fitted=fitted)
     rng = np.random.default_rng([seed, sum(map(ord, board + side + name))])
     own = (boards.load_fitted if fitted else boards.load_side)(board, side)
-    lie = way.lie(own, own.targets[int(rng.integers(len(own.targets)))], rng)
+    target = own.targets[int(rng.integers(len(own.targets)))] if own.targets else None
+    lie = way.lie(own, target, rng)
     others = [one for one in boards.known_boards() if one not in {board, "demo"}]
     foreign = others[boards.known_boards().index(board) % len(others)]
     drawn = {"own": (board, side), "other": (board, frames.other_of(side)),
