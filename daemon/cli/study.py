@@ -156,7 +156,7 @@ def page(
         there = ", ".join(sorted(one.stem for one in folder.glob("*.json") if "." not in one.stem)) or "none"
         fail(
             f"there is no calibration {what!r} in {folder}",
-            advice=f"there are: {there}; older ones lie in its history/; `reprobe calibrate --help` says how to make one",
+            advice=f"there are: {there}; older ones lie in its history/; `reprobe calibrate` makes them",
             code=USAGE,
         )
     arguments = [str(record), "-o", str(output), *(["--previous", str(before)] if before is not None else [])]
