@@ -206,18 +206,19 @@ def _check_end(strip: ProbeStrip, end_u_px: float, half_px: float) -> None:
     """
     at, reach = round(end_u_px) - strip.u_from_px, max(round(END_WIDTH_SHARE * half_px), 1)
     columns = strip.pixels[:, strip.reach_px - reach : strip.reach_px + reach + 1]
-    parts = ((-16, -6), (6, 16), (4, 9))
+    parts = ((-16, -6), (6, 16), (4, 9), (14, 24))
     levels = (np.median(columns[at + start : at + stop], axis=0) for start, stop in parts)
-    metal, beyond, just_beyond = (float(np.quantile(level, END_LEVEL)) for level in levels)
+    metal, beyond, just_beyond, far = (float(np.quantile(level, END_LEVEL)) for level in levels)
     if metal < 1.15 * beyond + 6.0:
         raise ValueError(
             f"the needle does not end at the given point: it is as bright beyond ({beyond:.0f} of 255) as before it "
             f"({metal:.0f}); click the very end"
         )
-    if just_beyond > (metal + beyond) / 2.0:
+    ground = min(beyond, far)
+    if just_beyond > (metal + ground) / 2.0:
         raise ValueError(
             f"the needle does not end at the given point: some px beyond it is as bright as before it "
-            f"({just_beyond:.0f} of 255, {metal:.0f}), and darker then ({beyond:.0f}); click the very end"
+            f"({just_beyond:.0f} of 255, {metal:.0f}), and darker then ({ground:.0f}); click the very end"
         )
 
 

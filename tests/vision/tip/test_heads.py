@@ -101,20 +101,20 @@ def test_the_scatter_is_told_along_the_needle_and_across_it() -> None:
     assert 0.8 < across_rms < 1.25
 
 
-@pytest.mark.parametrize("head", HEADS)
-def test_a_click_a_little_before_the_end_is_refused_too(head: str) -> None:
+@pytest.mark.parametrize("head", [*HEADS, 0, 1, 2, 3])
+def test_a_click_a_little_before_the_end_is_refused_too(head: str | int) -> None:
     """Every landing would inherit it."""
     with pytest.raises(ValueError, match="does not end at the given point"):
         taught_off(head, -10.0)
 
 
-@pytest.mark.parametrize("head", ["round_thick", "cup_on_cone", "crown_turned", "long_head"])
+@pytest.mark.parametrize("head", ["round_thick", "cup_on_cone", "crown_turned", "long_head", 0, 2])
 @pytest.mark.parametrize("off_px", [-2.5, 2.5])
-def test_a_hand_that_is_off_by_a_little_teaches(head: str, off_px: float) -> None:
+def test_a_hand_that_is_off_by_a_little_teaches(head: str | int, off_px: float) -> None:
     assert taught_off(head, off_px)
 
 
-def taught_off(head: str, along_px: float, across_px: float = 0.0) -> ProbeModel:
+def taught_off(head: str | int, along_px: float, across_px: float = 0.0) -> ProbeModel:
     """Teach a head by a click that is off along the needle and across it."""
     picture = golden(kit=head)
     assert picture.tip_px is not None
