@@ -1,4 +1,4 @@
-"""Page to click the tip on: the image, a magnifier, and the command to run."""
+"""Page to click the tip on: the image, a view of its end eight times as large, and the command to run."""
 
 from __future__ import annotations
 

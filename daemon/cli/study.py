@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from pydantic import ValidationError
@@ -24,14 +25,20 @@ from daemon.cli.output import (
 )
 from daemon.client import Client
 from daemon.domain.board import Board
+from daemon.domain.results import ErrorBody
 from daemon.platform.clock import utc_now
 from daemon.platform.plain_file import read_small
 from daemon.platform.subprocess import draw
 from daemon.station.conditions import conditions_of
 from daemon.storage.calibration_store import Calibrations
 
+if TYPE_CHECKING:
+    from daemon.tools.report.study import Capability
+
 app = typer.Typer()
 PAGE_WITHIN_S = 120.0
+LEAST_LANDINGS = 10
+"""As many make a study."""
 AWAY_UM = 3000.0
 """The head leaves the point by so much before each landing."""
 
@@ -39,7 +46,7 @@ AWAY_UM = 3000.0
 @app.command()
 def study(
     test_point: Annotated[str | None, typer.Argument(help="Name of the test point that is landed on.")] = None,
-    times: Annotated[int, typer.Option(min=10, max=1000, help="How many landings.")] = 50,
+    times: Annotated[int, typer.Option(min=LEAST_LANDINGS, max=1000, help="How many landings.")] = 50,
     tolerance_um: Annotated[float, typer.Option(min=1.0, help="Tolerance T: the whole width that is allowed.")] = 100.0,
     output: Annotated[Path, typer.Option("--output", "-o", help="The page; the numbers go beside it.")] = Path(
         "study.html"
@@ -59,31 +66,48 @@ def study(
     with own_settings():
         from daemon.tools.report.study import Study, capability, write_study  # noqa: PLC0415  # brings matplotlib
 
+        trouble: ErrorBody | None = None
         try:
-            made = (
-                Study.model_validate_json(read_small(redraw))
-                if redraw is not None
-                else Study(**_landings(endpoint, str(test_point), times, tolerance_um))
-            )
+            if redraw is not None:
+                made = Study.model_validate_json(read_small(redraw))
+            else:
+                landed, trouble = _landings(endpoint, str(test_point), times, tolerance_um)
+                made = Study(**landed)
         except ValidationError as exc:
             fail(f"{redraw} has no numbers of a study: {exc.errors()[0]['msg']}", code=USAGE)
         write_study(made, output)
         both = (("x", made.dx_um), ("y", made.dy_um))
         found = {axis: capability(values, made.tolerance_um) for axis, values in both}
     if as_json:
-        say_json({"page": str(output), **{axis: vars(one) for axis, one in found.items()}})
-        return
+        said = {axis: vars(one) | {"least_tolerance_um": one.least_tolerance_um} for axis, one in found.items()}
+        say_json({"page": str(output), "landings": len(made.dx_um), **said})
+    else:
+        _tell(found, output)
+    if trouble is not None:
+        done = len(made.dx_um)
+        fail(f"only {done} of {times} landings are in it; the next one: {trouble.message}", advice=trouble.advice)
+
+
+def _tell(found: dict[str, Capability], output: Path) -> None:
     for axis, one in found.items():
         out.print(
-            f"{axis.upper()}: bias {one.mean_um:+.1f} um, s {one.sd_um:.1f} um, Cg {one.cg:.2f}, Cgk {one.cgk:.2f}",
+            f"{axis.upper()}: bias {one.mean_um:+.1f} um, s {one.sd_um:.1f} um, Cg {one.cg:.2f}, Cgk {one.cgk:.2f}; "
+            f"good enough for tolerances from {math.ceil(one.least_tolerance_um)} um on",
             highlight=False,
         )
     out.print(f"written to {output}", highlight=False, markup=False, soft_wrap=True)
 
 
-def _landings(endpoint: str, test_point: str, times: int, tolerance_um: float) -> dict[str, Any]:
-    """Land again and again; return what the looks measured."""
-    dx_um, dy_um = [], []
+def _landings(
+    endpoint: str, test_point: str, times: int, tolerance_um: float
+) -> tuple[dict[str, Any], ErrorBody | None]:
+    """Land again and again; return what the looks measured, and what ended it early.
+
+    What is enough for a study is not thrown away for a landing that fails; less than that is no study.
+    """
+    dx_um: list[float] = []
+    dy_um: list[float] = []
+    trouble: ErrorBody | None = None
     with answered(), Client(endpoint) as client:
         described = client.request("describe")
         points = {one["name"]: one for one in described["board"]["test_points"]}
@@ -92,17 +116,27 @@ def _landings(endpoint: str, test_point: str, times: int, tolerance_um: float) -
         away_um = [points[test_point]["x_um"] + AWAY_UM, points[test_point]["y_um"]]
         for number in range(1, times + 1):
             err.print(f"landing {number} of {times}", highlight=False)
-            looked: dict[str, Any] = {}
-            there = {"test_point": test_point}
-            for op, fields in (("place", {"board_um": away_um}), ("place", there), ("correct", there), ("look", there)):
-                result = client.job(op, **fields)
-                if result.error is not None:
-                    fail(f"landing {number}, {op}: {result.error.message}", advice=result.error.advice)
-                looked = result.detail
+            looked, trouble = _land(client, test_point, away_um)
+            if trouble is not None and len(dx_um) >= LEAST_LANDINGS:
+                break
+            if trouble is not None:
+                fail(f"landing {number}: {trouble.message}", advice=trouble.advice)
             dx_um.append(-float(looked["dx_um"]))
             dy_um.append(-float(looked["dy_um"]))
     said = {"station": described["station"], "test_point": test_point, "made_at": utc_now()}
-    return {**said, "tolerance_um": tolerance_um, "dx_um": dx_um, "dy_um": dy_um}
+    return {**said, "tolerance_um": tolerance_um, "dx_um": dx_um, "dy_um": dy_um}, trouble
+
+
+def _land(client: Client, test_point: str, away_um: list[float]) -> tuple[dict[str, Any], ErrorBody | None]:
+    """Leave the point and land on it again; return what the look said, or why there is none."""
+    looked: dict[str, Any] = {}
+    there = {"test_point": test_point}
+    for op, fields in (("place", {"board_um": away_um}), ("place", there), ("correct", there), ("look", there)):
+        result = client.job(op, **fields)
+        if result.error is not None:
+            return {}, result.error
+        looked = result.detail
+    return looked, None
 
 
 def page(
@@ -119,7 +153,12 @@ def page(
     if not record.exists():
         record = Path(what)
     if not record.is_file():
-        fail(f"there is no calibration {what!r} in {folder}", advice="see its files, and history/ below", code=USAGE)
+        there = ", ".join(sorted(one.stem for one in folder.glob("*.json") if "." not in one.stem)) or "none"
+        fail(
+            f"there is no calibration {what!r} in {folder}",
+            advice=f"there are: {there}; older ones lie in its history/; `reprobe calibrate` makes them",
+            code=USAGE,
+        )
     arguments = [str(record), "-o", str(output), *(["--previous", str(before)] if before is not None else [])]
     code, words = asyncio.run(draw("daemon.tools.report", arguments, PAGE_WITHIN_S))
     if code:

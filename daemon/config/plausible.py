@@ -200,16 +200,23 @@ def _narrow(raw: RawValues, name: str) -> Iterator[Problem]:
 
 
 def _heights(raw: RawValues) -> Iterator[Problem]:
-    """Heights in millimetres: one beside others that are in micrometres, or all three."""
+    for path, meant in heights_meant(raw).items():
+        yield path, f"{meant / 1e3:g} um is {meant / 1e6:g} mm; is {meant:g} meant?"
+
+
+def heights_meant(raw: RawValues) -> dict[str, float]:
+    """Return the heights that stand there in millimetres, in um: one beside others that are in um, or all three."""
     touch, work, safe = (raw.number(f"gantry.{name}_z_um") for name in ("touch", "work", "safe"))
     top = raw.number("axes.z.maximum")
     if touch is None or work is None or safe is None or top is None:
-        return
+        return {}
+    found: dict[str, float] = {}
     all_in_mm = 0.0 < safe < 100.0
     for name, height, odd in (("touch", touch, work - touch > FARTHEST_LOOK_UM), ("work", work, work < touch),
                               ("safe", safe, safe <= work)):  # fmt: skip
         if 0.0 < height < 100.0 and height * 1e3 <= top and (odd or all_in_mm):
-            yield f"gantry.{name}_z_um", f"{height:g} um is {height / 1e3:g} mm; is {height * 1e3:g} meant?"
+            found[f"gantry.{name}_z_um"] = height * 1e3
+    return found
 
 
 def _places(raw: RawValues) -> Iterator[Problem]:

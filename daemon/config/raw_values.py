@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from copy import deepcopy
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
@@ -42,6 +43,17 @@ class RawValues:
         if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
             return None
         return float(value)
+
+    def with_numbers(self, numbers: Mapping[str, float]) -> RawValues:
+        """Return the same with other numbers at some paths, in tables that are there."""
+        raw = deepcopy(self._raw)
+        for path, number in numbers.items():
+            *above, key = path.split(".")
+            table = raw
+            for part in above:
+                table = table[part]
+            table[key] = number
+        return RawValues(raw, self._root)
 
     def text(self, path: str) -> str | None:
         """Return a text; None if it is missing or something else."""

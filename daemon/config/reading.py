@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from daemon.config.cross_checks import cross_checks
-from daemon.config.plausible import implausible, unlikely
+from daemon.config.plausible import heights_meant, implausible, unlikely
 from daemon.config.problems import ConfigError, Problem, Unlikely, in_words
 from daemon.config.raw_values import RawValues
 from daemon.config.toml_lines import line_numbers, what_was_meant
@@ -29,7 +29,9 @@ def read_checked(path: Path, root: type[Root]) -> Root:
         raise ConfigError(path, [("(file)", said)])
     values = RawValues(raw, root)
     tree, fields = _validate(raw, root)
-    problems = _once([*values.wrong_kinds(), *fields, *cross_checks(values), *implausible(values)])
+    # A height in mm is one mistake: what follows from it for the others is judged by the height that was meant.
+    meant = values.with_numbers(heights_meant(values))
+    problems = _once([*values.wrong_kinds(), *fields, *cross_checks(meant), *implausible(values)])
     if problems or tree is None:
         order = sorted(problems, key=lambda problem: _order(lines, problem[0]))
         raise ConfigError(path, order, lines)

@@ -135,6 +135,13 @@ class JournalReader:
             for at, touches, body in self._pages("measurements", "at, touches, body", where, values):
                 yield at, touches, json.loads(body)
 
+    def touches_before(self, moment: str) -> int:
+        """Return how many touches there had been when something was last measured before a moment (UTC, ISO 8601)."""
+        if not self._has("measurements"):
+            return 0
+        rows = self._rows("SELECT touches FROM measurements WHERE at < ? ORDER BY rowid DESC LIMIT 1", (moment,))
+        return int(rows[0][0]) if rows else 0
+
     def run(self, run_id: str) -> BoardRun | None:
         """Find a run by its id, by that of a job that worked on it, or, as `last`, the newest."""
         try:

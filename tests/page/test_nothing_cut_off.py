@@ -86,3 +86,21 @@ def _show(tab: Any, screen: str, fault: str) -> None:
         "([where, said]) => [...document.querySelectorAll(where)].some((one) => one.textContent === said)",
         arg=[where, said],
     )
+
+
+@pytest.mark.parametrize("locale", ["en-GB", "de-DE"])
+def test_the_last_results_are_said_whole_on_a_telephone(station: PlayedStation, page: PageProcess, locale: str) -> None:
+    """A look has an error before and none after; a calibration's name is the widest."""
+    landed = station.result | {"id": "one", "error_before_um": 254.2, "error_after_um": 8.1}
+    looked = landed | {"id": "two", "op": "look", "test_point": "TP12", "error_after_um": None}
+    made = looked | {"id": "three", "op": "calibrate", "test_point": None, "error_before_um": None}
+    station.replies["history"] = {"results": [landed, looked, made], "more": False}
+    station.ask_again()
+    tab = page.tab("Lee", viewport={"width": 390, "height": 844}, locale=locale)
+    table = tab.locator("main table").first
+    table.locator("tr").nth(2).wait_for()
+    assert table.evaluate("one => one.parentElement.scrollWidth <= one.parentElement.clientWidth")
+    said = table.locator("tr").nth(1).inner_text()
+    assert "254" in said
+    assert "nachher" not in said
+    assert "after" not in said

@@ -31,10 +31,11 @@ RIM2_FROM_PX, RIM2_TO_PX = -250, -40
 MARKING_FROM_PX, MARKING_TO_PX = 15, 90
 LEAST_RIM_SLOPE = 4.0
 LEAST_PAIRS = 0.4
-ADVICE = (
-    "Click the very end of the needle under white light, before a dark, quiet background, and see that the marking is "
-    "fresh"
+LOOKED_FOR = (
+    f"a needle {2 * CYLINDER_HALVES_PX[0]:.0f} to {2 * CYLINDER_HALVES_PX[-1]:.0f} px wide with a black band across, "
+    f"{MARKING_FROM_PX} to {MARKING_TO_PX} px long, that ends {-RIM2_TO_PX} to {-RIM2_FROM_PX} px before it does"
 )
+"""The shapes that can be taught."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,24 +96,42 @@ def rough_probe(strip: ProbeStrip) -> RoughOutline:
     """Return the probe that ends near u = 0 of a strip laid along its expected direction; ValueError if none does."""
     edges = EdgePairs.of(strip, by_ratio=True)
     best: tuple[float, float, _Cylinder, tuple[float, float]] | None = None
+    marked: tuple[float, float] | None = None
     for tilt in np.tan(np.radians(np.arange(-HINT_REACH_DEG, HINT_REACH_DEG + 0.1, 1.0))):
         marking = _marking(strip, float(tilt))
         if marking is None:
             continue
+        marked = marked or marking
         cylinder = _cylinder(edges, float(tilt), marking)
         start = float(cylinder.halves_px(np.array(marking[1])))
         taper = float(np.mean(_trace(edges, float(tilt), start, marking)[1])) if cylinder.share > LEAST_PAIRS else 0.0
         if best is None or cylinder.share + taper > best[0]:
             best = cylinder.share + taper, float(tilt), cylinder, marking
     if best is None or best[0] < 2.0 * LEAST_PAIRS:
-        raise ValueError(f"no needle with a black marking ends at the given point. {ADVICE}")
+        raise ValueError(_nothing(marked))
     _, tilt, cylinder, marking = best
     traced, seen = _trace(edges, tilt, float(cylinder.halves_px(np.array(marking[1]))), marking)
     if float(np.mean(seen)) < LEAST_PAIRS:
-        raise ValueError(f"the needle's two edges cannot be followed from the marking to the given point. {ADVICE}")
+        raise ValueError(
+            f"the needle's two edges are seen along {100 * float(np.mean(seen)):.0f} % only of the "
+            f"{-marking[1]:.0f} px from its marking to the given point: click its very end; nothing may cover it"
+        )
     u, cylinder_rows = caliper_rows(-marking[1], marking[1] - marking[0])
     halves = np.concatenate([cylinder.halves_px(u[:cylinder_rows]), traced])
     return RoughOutline(float(np.arctan(tilt)), *marking, Silhouette(u, -halves, halves, cylinder_rows))
+
+
+def _nothing(marked: tuple[float, float] | None) -> str:
+    """Say what was not found of the shapes that can be taught."""
+    if marked is None:
+        return (
+            f"no black marking is seen before the given point; looked for was {LOOKED_FOR}: click the very end of the "
+            "needle under white light, and see that the marking is fresh"
+        )
+    return (
+        f"a dark band {marked[1] - marked[0]:.0f} px long is seen {-marked[1]:.0f} px before the given point, but no "
+        f"needle round it; looked for was {LOOKED_FOR}: click the very end of the needle, in the middle of its width"
+    )
 
 
 def _marking(strip: ProbeStrip, tilt: float) -> tuple[float, float] | None:

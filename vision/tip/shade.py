@@ -35,7 +35,7 @@ def dim_side(strip: ProbeStrip, outline: Silhouette) -> int:
     if min(left, right) > DIM_SHARE * max(left, right):
         raise ValueError(
             "the light ends on the needle itself and its edges cannot be told apart from that: light the needle more "
-            "evenly, before a dark, quiet background"
+            "evenly"
         )
     return -1 if left < right else 1
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from vision.core import Floats, Gray, Plane, robust_fit
 from vision.tip.edges import EdgePoints, edge_points
+from vision.tip.ground import ground_advice
 from vision.tip.marking_rim import join_rim, marking_levels, rim_columns, rim_places
 from vision.tip.outline import RoughOutline, rough_probe
 from vision.tip.shade import dim_side, taught_shade_px
@@ -60,9 +61,21 @@ class Taught:
 
 
 def measure(plane: Gray, tip_px: tuple[float, float], hint_rad: float) -> Taught:
-    """Measure the probe that ends at `tip_px` in a clean gray image; ValueError says what could not be found."""
+    """Measure the probe that ends at `tip_px` in a clean gray image; ValueError says what could not be found.
+
+    It speaks of the ground only where that is not as it should be: on a dark one the shape is what is wrong.
+    """
     image = plane.astype(np.float32)
-    rough = rough_probe(straighten(image, tip_px, hint_rad, -LENGTH_PX, 20, WIDE_REACH_PX))
+    wide = straighten(image, tip_px, hint_rad, -LENGTH_PX, 20, WIDE_REACH_PX)
+    try:
+        return _measured(image, wide, tip_px, hint_rad)
+    except ValueError as exc:
+        advice = ground_advice(wide)
+        raise ValueError(f"{exc}; {advice}" if advice else str(exc)) from exc
+
+
+def _measured(image: Plane, wide: ProbeStrip, tip_px: tuple[float, float], hint_rad: float) -> Taught:
+    rough = rough_probe(wide)
     angle = hint_rad + rough.tilt_rad
     strip, outline = _straightened(image, tip_px, angle, rough.outline, BY_LEVEL)
     ratios, by_ratio = _straightened(image, tip_px, angle, rough.outline, BY_RATIO)
@@ -111,11 +124,14 @@ def _refined(
     left, right = (_by_row(one, outline, side) for one, side in zip(points, (-1.0, 1.0), strict=True))
     seen = np.isfinite(left) & np.isfinite(right)
     if min(np.count_nonzero(seen & outline.on_taper), np.count_nonzero(seen & ~outline.on_taper)) < 8:
-        raise ValueError("too little of the needle's edges is seen to teach: use a dark, quiet background")
+        raise ValueError(
+            "too little of the needle's two edges is seen, above its marking or below: click its very end, in the "
+            "middle of its width"
+        )
     u, centre = outline.u_px[seen], (left[seen] + right[seen]) / 2.0
     fit = robust_fit(np.stack([np.ones_like(u), u / 100.0], axis=1), centre)
     if np.mean(fit.weights > 0.3) < 0.5:
-        raise ValueError("the needle's two edges do not lie about one axis: use a dark, quiet background")
+        raise ValueError("the needle's two edges do not lie about one axis: it is bent, or something beside it is seen")
     a, b = float(fit.parameters[0]), float(fit.parameters[1]) / 100.0
     axis = a + b * outline.u_px
     return a, b, _smooth(replace(outline, left_px=left - axis, right_px=right - axis), outline)
@@ -161,7 +177,7 @@ def _conclude(strip: ProbeStrip, rough: RoughOutline, outline: Silhouette, click
     if abs(across) > CLICK_REACH_PX:
         raise ValueError(
             f"the given end lies {abs(across):.1f} px beside the needle's measured axis (at most "
-            f"{CLICK_REACH_PX:.0f}): click the very end again, before a dark, quiet background"
+            f"{CLICK_REACH_PX:.0f}): click the very end again, in the middle of its width"
         )
     _check_end(strip, along, float(np.mean(outline.half_px[-END_ROWS:])))
     rim1_u, rim2_u, form = _rims(strip, rough, outline)
@@ -190,12 +206,19 @@ def _check_end(strip: ProbeStrip, end_u_px: float, half_px: float) -> None:
     """
     at, reach = round(end_u_px) - strip.u_from_px, max(round(END_WIDTH_SHARE * half_px), 1)
     columns = strip.pixels[:, strip.reach_px - reach : strip.reach_px + reach + 1]
-    levels = (np.median(columns[at + near : at + near + 10], axis=0) for near in (-16, 6))
-    metal, beyond = (float(np.quantile(level, END_LEVEL)) for level in levels)
+    parts = ((-16, -6), (6, 16), (4, 9), (14, 24))
+    levels = (np.median(columns[at + start : at + stop], axis=0) for start, stop in parts)
+    metal, beyond, just_beyond, far = (float(np.quantile(level, END_LEVEL)) for level in levels)
     if metal < 1.15 * beyond + 6.0:
         raise ValueError(
             f"the needle does not end at the given point: it is as bright beyond ({beyond:.0f} of 255) as before it "
-            f"({metal:.0f}); click the very end, before a dark, quiet background"
+            f"({metal:.0f}); click the very end"
+        )
+    ground = min(beyond, far)
+    if just_beyond > (metal + ground) / 2.0:
+        raise ValueError(
+            f"the needle does not end at the given point: some px beyond it is as bright as before it "
+            f"({just_beyond:.0f} of 255, {metal:.0f}), and darker then ({ground:.0f}); click the very end"
         )
 
 
@@ -263,7 +286,10 @@ def _sizes(outline: Silhouette, end_u_px: float, rim1_u_px: float, rim2_u_px: fl
         return ProbeShape(h, marking, float(np.mean(taper[-END_ROWS:])), 0.0, cylinder), final
     slope, end = (float(number) for number in np.polyfit(-taper_u[narrowing], taper[narrowing], 1))
     if not (0.02 < slope < 1.0):
-        raise ValueError("the needle does not narrow towards the given end: use a dark, quiet background")
+        raise ValueError(
+            f"the needle narrows by {slope:.2f} px in each px towards its end (0.02 to 1 can be taught, or 0): "
+            "click its very end, and see that only the needle is seen there"
+        )
     _check_axis(final, cylinder, MOST_WIDER_PX)
     return ProbeShape(h, marking, max(end, 0.5), slope, cylinder), final
 
@@ -274,8 +300,13 @@ def _check_axis(outline: Silhouette, cylinder_half_px: float, most_wider_px: flo
     thick_taper = outline.on_taper & (outline.half_px > 0.4 * cylinder_half_px)
     worst = max(float(np.mean(off_axis[part])) for part in (~outline.on_taper, thick_taper))
     wider = float(np.max(outline.half_px[outline.on_taper])) - cylinder_half_px
-    if worst > MOST_OFF_AXIS_PX or wider > most_wider_px:
+    if worst > MOST_OFF_AXIS_PX:
         raise ValueError(
-            f"cylinder and taper do not lie about one axis (off by {worst:.1f} px, the taper {wider:+.1f} px wider): "
-            "something behind the needle was taken for its edge; use a dark, quiet background"
+            f"above its marking and below it the needle does not lie about one axis (off by {worst:.1f} px, at most "
+            f"{MOST_OFF_AXIS_PX}): it is bent, or has a long wide head, or something behind it was taken for its edge"
+        )
+    if wider > most_wider_px:
+        raise ValueError(
+            f"the needle is {wider:.1f} px wider each side below its marking than above (at most {most_wider_px:g}): "
+            "its head is too wide, or something behind it was taken for its edge"
         )

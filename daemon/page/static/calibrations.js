@@ -42,7 +42,7 @@ export function calibrations(app) {
     show(rows, [made, not, ends, idle, app.language], () => [el("table", {}, el("tbody", {}, ...MADE.map((what) => {
       const end = ends.find((/** @type {any} */ one) => isOf(one, what))
       return el("tr", { "data-made": what }, el("td", {}, el("b", {}, tOr(`made.${what}`, what)),
-        el("div", { class: "quiet" }, made[what] ? day(made[what]) : t("teach.never")),
+        el("div", { class: "quiet" }, made[what] ? day(made[what]) : not[what] ? "" : t("teach.never")),
         not[what] ? el("div", { class: "said" }, `${t("calibrate.not_used")}: ${not[what]}`) : null,
         end ? el("div", { class: end.ok ? "" : "said" }, end.ok ? figures(end.detail) : `${cause(end.error)}. ${cure(end.error)}`) : null), el("td", { class: "number" }, button(what, idle)))
     })))])

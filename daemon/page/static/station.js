@@ -44,8 +44,8 @@ function verdict(last) {
 function list(results) {
   return el("table", { "aria-label": t("last_results") }, el("tbody", {}, ...results.map((result) =>
     el("tr", {},
-      el("td", {}, mark(result)), el("td", {}, more(result)), el("td", {}, word(result)),
-      el("td", { class: "number" }, numbers(result)), el("td", { class: "number" }, clock(result.finished_at))))))
+      el("td", {}, mark(result)), el("td", {}, more(result)), el("td", {}, word(result),
+        el("div", { class: "quiet" }, [numbers(result), clock(result.finished_at)].filter(Boolean).join(" · ")))))))
 }
 
 /** What a person has to do, and the orders for it. @param {any} app */

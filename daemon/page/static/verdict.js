@@ -33,11 +33,12 @@ export const mark = (result) => markOf(kindOf(result))
 /** @param {any} result */
 export const word = (result) => (result.ok ? tOr(`outcome.${result.outcome}`, result.outcome) : cause(result.error ?? { name: "failed" }))
 
-/** @param {any} result */
-export const numbers = (result) =>
-  result.error_before_um == null
-    ? ""
-    : t("before_after", { before: number(result.error_before_um), after: number(result.error_after_um) })
+/** A look measures once and moves nothing: it has no error afterwards. @param {any} result */
+export const numbers = (result) => {
+  const [before, after] = [result.error_before_um, result.error_after_um]
+  if (before == null) return ""
+  return after == null ? t("before_only", { before: number(before) }) : t("before_after", { before: number(before), after: number(after) })
+}
 
 /** A button that shows all of a result. @param {any} result */
 export const more = (result) => {

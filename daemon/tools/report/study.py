@@ -49,6 +49,11 @@ class Capability:
     cg: float
     cgk: float
 
+    @property
+    def least_tolerance_um(self) -> float:
+        """The smallest tolerance for which both reach `WANTED`."""
+        return (SIGMAS * WANTED * self.sd_um + 2.0 * abs(self.mean_um)) / SHARE
+
 
 def capability(values_um: Sequence[float], tolerance_um: float) -> Capability:
     """Return Cg and Cgk of repeated values whose reference is 0; ValueError for fewer than `LEAST`."""
@@ -65,10 +70,11 @@ def study_page(study: Study) -> Page:
     """Return the page of a study."""
     found = {"X": capability(study.dx_um, study.tolerance_um), "Y": capability(study.dy_um, study.tolerance_um)}
     worst = min(min(one.cg, one.cgk) for one in found.values())
+    enough = math.ceil(max(one.least_tolerance_um for one in found.values()))
     good = worst >= WANTED
     because = (
         f"{len(study.dx_um)} landings on {study.test_point}: the least of Cg and Cgk is {worst:.2f} (at least {WANTED} "
-        f"for a tolerance of {study.tolerance_um:g} um)."
+        f"for a tolerance of {study.tolerance_um:g} um). It is good enough for tolerances from {enough:.0f} um on."
     )
     rows = [Number("landings", float(len(study.dx_um)), "", 0), Number("tolerance T", study.tolerance_um, "um", 0)]
     for axis, one in found.items():
@@ -78,6 +84,7 @@ def study_page(study: Study) -> Page:
             Number(f"{axis}: standard deviation", one.sd_um, "um"),
             Number(f"{axis}: Cg", one.cg, "", 2, f"at least {WANTED}", one.cg < WANTED),
             Number(f"{axis}: Cgk", one.cgk, "", 2, f"at least {WANTED}", one.cgk < WANTED),
+            Number(f"{axis}: smallest T for which both are {WANTED}", one.least_tolerance_um, "um", 0),
         ]  # fmt: skip
     return Page(
         kind="study", subject=f"Type-1 study of {study.test_point}", station=study.station, made_at=study.made_at,

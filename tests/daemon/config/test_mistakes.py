@@ -344,6 +344,19 @@ def test_many_points_out_of_reach_for_one_reason_are_one_line(folder: Path) -> N
     assert said[0].startswith("12 test points (TP1, TP2, TP3, ...) are out of reach at every head angle: y ")
 
 
+@pytest.mark.parametrize("name", ["safe", "touch"])
+def test_a_height_in_mm_is_one_mistake_and_one_line(folder: Path, name: str) -> None:
+    """What follows from it for the heights of parts and of looks is no mistake of its own."""
+    height = {"safe": "12000.0", "touch": "5000.0"}[name]
+    wrong = f"{name}_z_um = {float(height) / 1e3:g}"
+    parts = "[clearance]\nheights_um = { J = 5500.0, R = 900.0, U = 1500.0 }\n[touch]"
+    _, named = _check(folder, _mistaken((f"{name}_z_um = {height}", wrong), ("[touch]", parts)))
+    said = [(one["path"], str(one["problem"])) for one in named if "warning" not in one]
+    assert len(said) == 1
+    assert said[0][0] == f"gantry.{name}_z_um"
+    assert f"is {float(height):g} meant?" in said[0][1]
+
+
 def test_an_empty_file_is_called_that_once(folder: Path) -> None:
     _, named = _check(folder, "# nothing yet\n")
     assert len(named) == 1

@@ -99,3 +99,42 @@ def test_the_scatter_is_told_along_the_needle_and_across_it() -> None:
     along_rms, across_rms = np.sqrt(np.mean(np.square(errors), axis=0))
     assert 0.2 < along_rms < 1.25
     assert 0.8 < across_rms < 1.25
+
+
+@pytest.mark.parametrize("head", [*HEADS, 0, 1, 2, 3])
+def test_a_click_a_little_before_the_end_is_refused_too(head: str | int) -> None:
+    """Every landing would inherit it."""
+    with pytest.raises(ValueError, match="does not end at the given point"):
+        taught_off(head, -10.0)
+
+
+@pytest.mark.parametrize("head", ["round_thick", "cup_on_cone", "crown_turned", "long_head", 0, 2])
+@pytest.mark.parametrize("off_px", [-2.5, 2.5])
+def test_a_hand_that_is_off_by_a_little_teaches(head: str | int, off_px: float) -> None:
+    assert taught_off(head, off_px)
+
+
+def taught_off(head: str | int, along_px: float, across_px: float = 0.0) -> ProbeModel:
+    """Teach a head by a click that is off along the needle and across it."""
+    picture = golden(kit=head)
+    assert picture.tip_px is not None
+    c, s = np.cos(np.radians(picture.angle_deg)), np.sin(np.radians(picture.angle_deg))
+    x, y = picture.tip_px
+    return ProbeModel.teach(picture.frame, (x + along_px * c - across_px * s, y + along_px * s + across_px * c))
+
+
+def test_what_cannot_be_taught_is_said_by_its_shape_and_the_ground_only_where_it_is_to_blame() -> None:
+    """On a dark, quiet ground "use a dark, quiet background" is nothing that anybody can do."""
+    with pytest.raises(
+        ValueError, match=r"a dark band 4[0-9] px long is seen 1[12][0-9] px before .* in the middle"
+    ) as off:
+        taught_off("round_shaft", 0.0, 20.0)
+    with pytest.raises(
+        ValueError, match=r"no black marking is seen before .* 16 to 100 px wide .* marking is fresh"
+    ) as far:
+        taught_off("round_shaft", 0.0, 60.0)
+    for said in (off, far):
+        assert "background" not in str(said.value)
+    bright = white_scene(500, kit="round_shaft", ground="paper", defect="no_needle")
+    with pytest.raises(ValueError, match="use a dark, quiet background"):
+        ProbeModel.teach(bright.frame, taught("round_shaft").tip_px)

@@ -44,6 +44,16 @@ async def keep_a_month(path: Path, touches: int = 700) -> None:
     _add_alerts(path, rows)
 
 
+async def test_touches_of_runs_count_which_no_tester_reported(tmp_path: Path) -> None:
+    """A station that walks boards by itself had touched nothing, by its month's page."""
+    journal = await Journal.open(tmp_path / "j.sqlite")
+    points = {"numbers": {"contact_not_made": [0.0, 20.0]}, "bases": {}}
+    for at, touches in (("2026-10-31", 100), ("2026-11-01", 125), ("2026-11-30", 160), ("2026-12-01", 900)):
+        await journal.add_measurement(f"{at}T08:00:00.000+00:00", touches, "", points)
+    await journal.close()
+    assert read_month(tmp_path / "j.sqlite", "s", *NOVEMBER).touches == 60
+
+
 async def test_facts_are_of_that_month_only(tmp_path: Path) -> None:
     await keep_a_month(tmp_path / "j.sqlite", 600)
     month = read_month(tmp_path / "j.sqlite", "s", *NOVEMBER)

@@ -6,12 +6,16 @@ import math
 import random
 import statistics
 from pathlib import Path
+from typing import Any, Self
 
 import pytest
 from typer.testing import CliRunner
 
+from daemon.cli import study as command
 from daemon.cli.app import app
-from daemon.tools.report.study import Study, capability, study_page, write_study
+from daemon.domain.errors import Fault, FaultCode
+from daemon.domain.results import ErrorBody, JobResult
+from daemon.tools.report.study import WANTED, Study, capability, study_page, write_study
 
 pytestmark = pytest.mark.usefixtures("logging_as_before")
 # Ten values of a mean of 2 and a standard deviation of 1.5, by construction
@@ -55,3 +59,54 @@ def test_the_page_is_drawn_again_from_its_numbers(tmp_path: Path) -> None:
     wrong = CliRunner().invoke(app, ["study", "--redraw", str(tmp_path / "study.html")])
     assert wrong.exit_code == 2
     assert CliRunner().invoke(app, ["study"]).exit_code == 2
+
+
+@pytest.mark.parametrize(("spread", "bias"), [(10.0, 0.0), (1.0, 8.0)])
+def test_the_smallest_tolerance_that_is_good_enough_is_said(spread: float, bias: float) -> None:
+    """Nobody can act on a bare verdict."""
+    page = study_page(_study(spread, bias))
+    rows = {number.label: number for number in page.numbers}
+    least = max(float(str(rows[f"{axis}: smallest T for which both are {WANTED}"].value)) for axis in "XY")
+    assert study_page(_study(spread, bias, tolerance_um=least * 1.001)).verdict.good
+    assert not study_page(_study(spread, bias, tolerance_um=least * 0.999)).verdict.good
+    assert f"from {math.ceil(least)} um on" in page.verdict.because
+
+
+class _Station:
+    """Answers as a station does at which the looks from one of them on fail."""
+
+    fails_from = 12
+
+    def __init__(self, _endpoint: str) -> None:
+        self.looks = 0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def request(self, _op: str) -> dict[str, Any]:
+        return {"station": "s", "board": {"test_points": [{"name": "TP7", "x_um": 0.0, "y_um": 0.0}]}}
+
+    def job(self, op: str, **_: Any) -> JobResult:
+        self.looks += op == "look"
+        error = ErrorBody.of(Fault(FaultCode.TIP_NOT_FOUND)) if self.looks >= self.fails_from else None
+        return JobResult(
+            id="j", op=op, ok=error is None, seq=1, station="s", finished_at="t", outcome="seen", error=error,
+            detail={"dx_um": 1.0 + self.looks % 2, "dy_um": -1.0},
+        )  # fmt: skip
+
+
+def test_landings_are_not_thrown_away_for_one_that_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(command, "Client", _Station)
+    made = CliRunner().invoke(app, ["study", "TP7", "--times", "20", "-o", str(tmp_path / "study.html")])
+    assert made.exit_code == 1
+    assert "only 11 of 20 landings are in it" in made.output
+    assert "tip" in made.output
+    kept = Study.model_validate_json((tmp_path / "study.json").read_text())
+    assert len(kept.dx_um) == 11
+    monkeypatch.setattr(_Station, "fails_from", 9)
+    few = CliRunner().invoke(app, ["study", "TP7", "--times", "20", "-o", str(tmp_path / "few.html")])
+    assert few.exit_code == 1
+    assert not (tmp_path / "few.html").exists()
