@@ -16,6 +16,13 @@ PICTURES = ("*.jpg", "*.png")
 TELLING = ("-landing", "-board", "-tip", "-pads")
 """Ends of the names of pictures in which something is drawn; those without are shown only where there is none."""
 
+LOOKS = {"before": "first look", "after": "last look"}
+DRAWN = {
+    "landing": "where the needle came down", "board": "the board's data over the picture", "tip": "the tip as found",
+    "pads": "the pads as found", "cross": "the control point as found", "white": "white light", "red": "red light",
+}  # fmt: skip
+"""What a picture shows, by the two parts of its name."""
+
 
 @dataclass(frozen=True)
 class VerdictStyle:
@@ -143,6 +150,14 @@ def pictures_of(record: PointRecord) -> list[Path]:
     found = [path for pattern in PICTURES for path in folder.glob(pattern) if path.is_file()]
     telling = [path for path in found if path.stem.endswith(TELLING)]
     return sorted(telling or found, key=_told_first)
+
+
+def caption_of(picture: Path) -> str:
+    """Say what a kept picture shows; one of another name is told by its name."""
+    look, _, drawn = picture.stem.partition("-")
+    if look not in LOOKS or drawn not in DRAWN:
+        return picture.stem
+    return f"{LOOKS[look]}: {DRAWN[drawn]}".capitalize()
 
 
 def _told_first(path: Path) -> tuple[bool, bool, str]:

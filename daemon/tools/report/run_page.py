@@ -14,7 +14,7 @@ from daemon.domain.point_test import PointVerdict
 from daemon.platform.atomic_file import replace_whole
 from daemon.tools.report.page import Number, environment, write_text
 from daemon.tools.report.run_exports import to_csv, to_json_lines, to_junit
-from daemon.tools.report.run_facts import STYLES, RunReport, Tested, pictures_of
+from daemon.tools.report.run_facts import STYLES, RunReport, Tested, caption_of, pictures_of
 from daemon.tools.report.run_map import draw_map
 
 PAGE = "index.html"
@@ -43,6 +43,7 @@ def render_run(report: RunReport) -> str:
     """Return the page: one file, no script; only the pictures beside it are fetched."""
     made = environment()
     made.filters["href"] = lambda path: quote(str(path))
+    made.filters["caption"] = caption_of
     shown = [one for one in report.tested if one.record is not None and one.record.verdict in TOLD]
     return made.get_template("run.html.j2").render(
         report=report, run=report.run, sentence=in_a_sentence(report.summary), map=draw_map(report),

@@ -79,7 +79,7 @@ def test_each_point_stands_on_the_map_and_in_the_table_with_the_letter_of_its_ve
     assert [f"p{n}" for n in range(1, 8)] == [name for name in page.ids if name.startswith("p")]
     assert {link for link in page.links if link.startswith("#")} == {f"#p{n}" for n in range(1, 8)}
     assert "unfinished" in page.text
-    assert "1 false opens recovered (1 by look)" in page.text
+    assert "1 false open recovered (1 by look)" in page.text
     assert "287 um off" in page.text
 
 
@@ -106,6 +106,8 @@ def test_pictures_of_what_was_recovered_lie_beside_the_page(run: BoardRun, tmp_p
     names = ("before-landing", "before-board", "after-board")
     assert linked == [f"pictures/0002-B/{name}.jpg" for name in names]
     assert (out / "pictures/0002-B/before-board.jpg").read_bytes() == b"one"
+    assert "First look: where the needle came down" in page.text
+    assert "before-" not in page.text
 
 
 def test_everything_the_page_links_is_there(report: RunReport, tmp_path: Path) -> None:
