@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Coroutine, Mapping
+from collections.abc import Awaitable, Callable, Coroutine, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Protocol, TypeVar
@@ -197,6 +198,7 @@ class JobContext:
         """Whether a person wants a run to end after the point under test."""
         self.first_look: LookResult | None = None
         self.last_look: LookResult | None = None
+        self._last_pictured: LookResult | None = None
         self.looks = 0
         self.moves = 0
         self.partial = Outcome("failed")
@@ -230,20 +232,41 @@ class JobContext:
         self._fired += 1
 
     def saw(self, look: LookResult) -> None:
-        """Count a look; of its frames only the first and the last stay in memory, for a frame is 6 MB."""
+        """Count a look; only the frames that may be wanted again stay in memory, for a frame is 6 MB."""
         self.looks += 1
         self.first_look = self.first_look or look
         self.last_look = look
+        before = self._last_pictured
+        if before is None or before.says_only_where_the_tip_is or not look.says_only_where_the_tip_is:
+            self._last_pictured = look
 
     def aimed(self, look: LookResult) -> None:
         """Take over the last look once it is known where the needle would come down by it."""
         if self.first_look is self.last_look:
             self.first_look = look
-        self.last_look = look
+        self.last_look = self._last_pictured = look
+
+    @property
+    def pictured(self) -> PointLooks:
+        """The looks of which pictures are kept: the first, and the last where it is another.
+
+        One that only saw the tip once more, before a touch, says less than the look for the pad before it.
+        """
+        last = self._last_pictured
+        return self.first_look, last if last is not self.first_look else None
+
+    @contextmanager
+    def looks_elsewhere(self) -> Iterator[None]:
+        """Forget in the end what is seen inside: looks of something else than what the job is about."""
+        kept = self.first_look, self.last_look, self._last_pictured
+        try:
+            yield
+        finally:
+            self.first_look, self.last_look, self._last_pictured = kept
 
     def forget_looks(self) -> None:
         """Let the next look be the first: what was seen before is of another point."""
-        self.first_look = self.last_look = None
+        self.first_look = self.last_look = self._last_pictured = None
 
     def note(self, kind: str, body: dict[str, Any]) -> None:
         """Write a look or a move into the journal without waiting for the disk; `settle` waits."""

@@ -67,8 +67,8 @@ class ImageArchive:
 
     async def keep(self, folder: Path, job: JobContext, result: JobResult) -> None:
         """Write the pictures, then drop the oldest folders beyond the quota; a full disk only stops the keeping."""
-        looks = {"before": job.first_look, "after": job.last_look if job.looks > 1 else None}
-        await self._keep(folder, looks, result.model_dump_json(indent=1))
+        before, after = job.pictured
+        await self._keep(folder, {"before": before, "after": after}, result.model_dump_json(indent=1))
 
     async def keep_point(self, folder: Path, job_id: str, looks: PointLooks, record: PointRecord) -> None:
         """Write the pictures of one point, as those of a job."""

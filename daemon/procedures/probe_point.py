@@ -110,8 +110,7 @@ async def probe_point(  # noqa: PLR0913  # each is told by name
             "seconds": round(time.monotonic() - began_s, 3), "at": utc_now(),
         }
     )  # fmt: skip
-    first, last = job.first_look, job.last_look
-    record, keeping = job.touching.keep(record, (first, last if last is not first else None))
+    record, keeping = job.touching.keep(record, job.pictured)
     if keeping is not None:
         job.later(keeping)
     await job.touching.book.add_point(job.request.id, record)

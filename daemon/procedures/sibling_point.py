@@ -39,15 +39,13 @@ async def see_that_path_reads(at: PointUnderTest) -> None:
     await at.lift()
     if at.meter is None:
         return
-    looks, gone = (at.job.first_look, at.job.last_look), 0
-    try:
+    gone = 0
+    with at.job.looks_elsewhere():  # the pictures that are kept are of the point itself
         for point in _siblings(at):
             spent = at.touches + at.elsewhere >= at.context.config.ladder.touches_per_visit
             if at.path_proved or spent or gone >= MOST_TRIED:
                 return
             gone += await _touch(at, at.meter, point)
-    finally:
-        at.job.first_look, at.job.last_look = looks  # the pictures that are kept are of the point itself
 
 
 def why_path_unproved(at: PointUnderTest) -> str:

@@ -57,6 +57,11 @@ class LookResult:
     board: BoardSeen | None = None
     landing: Landing | None = None
 
+    @property
+    def says_only_where_the_tip_is(self) -> bool:
+        """Whether the tip was found where nothing else was looked for."""
+        return self.red is None and self.cross is None and isinstance(self.tip, Tip)
+
 
 @dataclass(frozen=True)
 class Search:

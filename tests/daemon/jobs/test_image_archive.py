@@ -24,6 +24,7 @@ from daemon.station.station import LookResult
 from daemon.wire.operations.jobs import Correct, Look
 from drivers.deadline import Deadline
 from drivers.gantry import Position
+from tests.daemon.procedures.fake_station import found_tip
 from vision import NotFound, Reason
 from vision.annotate import Landing
 
@@ -36,7 +37,7 @@ def _look() -> Any:
 
 
 def _job() -> Any:
-    return SimpleNamespace(first_look=_look(), last_look=None, looks=1)
+    return SimpleNamespace(pictured=(_look(), None))
 
 
 def _result(job_id: str) -> JobResult:
@@ -260,7 +261,39 @@ async def test_looks_that_found_the_target_leave_a_picture_of_where_the_needle_c
     await ImageArchive(tmp_path, "all", 10.0).keep(tmp_path / "job", job, _result("job"))
     assert {file.name for file in (tmp_path / "job").glob("*landing*")} == {"before-landing.jpg"}
     job.forget_looks()
-    assert (job.first_look, job.last_look) == (None, None)
+    assert (job.first_look, job.last_look, job.pictured) == (None, None, (None, None))
+
+
+async def test_a_look_at_the_tip_before_a_touch_leaves_the_picture_of_where_the_needle_comes_down(
+    tmp_path: Path,
+) -> None:
+    job = _context()
+    for off_um in (287.0, 4.0):
+        look = _seen()
+        job.saw(look)
+        job.aimed(replace(look, landing=_landing(off_um)))
+    hovering = replace(_seen(), red=None, tip=found_tip(100.0, 100.0))
+    job.saw(hovering)
+    assert job.last_look is hovering
+    await ImageArchive(tmp_path, "all", 10.0).keep(tmp_path / "job", job, _result("job"))
+    assert {file.name for file in (tmp_path / "job").glob("*landing*")} == {"before-landing.jpg", "after-landing.jpg"}
+
+
+async def test_a_last_look_that_did_not_find_the_tip_is_pictured(tmp_path: Path) -> None:
+    job = _context()
+    job.saw(_seen())
+    lost = replace(_seen(), red=None, tip=NotFound(Reason.NO_NEEDLE, "nothing looks like it"))
+    job.saw(lost)
+    assert job.pictured[1] is lost
+
+
+async def test_what_is_seen_elsewhere_is_not_pictured() -> None:
+    job = _context()
+    own = _seen()
+    job.saw(own)
+    with job.looks_elsewhere():
+        job.saw(_seen())
+    assert (job.last_look, job.pictured, job.looks) == (own, (own, None), 2)
 
 
 def _context() -> JobContext:
