@@ -212,7 +212,6 @@ def _make_control(base: _Base, work: _Work, stack: AsyncExitStack) -> ControlSoc
     lamp = LampLease(
         base.latch, base.lock, lambda: work.supervisor.hardware.lights if work.supervisor.hardware else None
     )
-    work.supervisor.lamp_is_lent = lambda: lamp.burning
     handlers = Handlers(
         Collaborators(
             settings=base.settings, latch=base.latch, runner=work.runner, reset=work.supervisor.reset,

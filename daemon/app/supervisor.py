@@ -46,9 +46,9 @@ FRAME_WITHIN_S = 8.0
 FRESH_WITHIN_S = 1.5
 """What a camera that is well may take at most for a picture."""
 LOOK_EVERY_S = 20.0
-"""At rest a picture is looked at this often, and soon after every job that took some: both lamps are off."""
-REST_S = 0.2
-"""So long nothing has begun before it is looked: a job that follows at once shares no picture of ours."""
+"""At rest a picture is looked at this often, and soon after every work: both lamps are off."""
+LEFT_ALONE_S = 0.2
+"""How long the station is left alone after work until that picture: a job that follows at once has the camera alone."""
 ASK_AGAIN_S = 0.1
 """How often a reset that waits looks whether a job has begun before it."""
 STOP_AGAIN_S, ASK_UNOPENED_S = 0.1, 1.0
@@ -83,11 +83,9 @@ class StationSupervisor:
         """Where the needle is, as far as the drives have told since the daemon started."""
         self._hardware: Hardware | None = None
         self._context: StationContext | None = None
-        self._seen = -1
-        """How many pictures the camera had delivered when one was looked at last."""
+        self._dark_after = -1
+        """How much work had been done when it was last looked whether it is dark."""
         self._look_again_s = 0.0
-        self.lamp_is_lent: Callable[[], bool] = lambda: False
-        """Whether a lamp shines because a person wants it to."""
 
     @property
     def hardware(self) -> Hardware | None:
@@ -252,7 +250,7 @@ class StationSupervisor:
             await hardware.camera.close()
             await hardware.camera.open(Deadline.after(FRAME_WITHIN_S))
             await require_dark(hardware, limit, Deadline.after(FRAME_WITHIN_S))
-        self._looked(hardware)
+        self._looked(self._lock.works)
 
     async def _settle_doubts(self, hardware: Hardware, deadline: Deadline) -> None:
         """Take the reference from every axis in doubt; one that is known to have lost it is in doubt no longer."""
@@ -324,11 +322,11 @@ class StationSupervisor:
                     await self._check_z_in_fault(self._hardware)
 
     async def _look_when_free(self) -> None:
-        """Look for a lamp that shines soon after whoever held the station has let go of it."""
+        """Look for a lamp that shines soon after the station is free again."""
         while True:
             await self._lock.freed.wait()
             self._lock.freed.clear()
-            await asyncio.sleep(REST_S)
+            await asyncio.sleep(LEFT_ALONE_S)
             await self._check_darkness()
 
     async def _rest(self) -> None:
@@ -411,13 +409,9 @@ class StationSupervisor:
 
         The lock is not held: no job waits for a picture of ours. What a job does meanwhile makes the picture void.
         """
-        hardware = self._hardware
-        if self.lamp_is_lent():
-            self._look_again_s = 0.0  # once it was given back
-        if hardware is None or not self._at_rest() or not self._time_to_look(hardware):
+        hardware, works = self._hardware, self._lock.works
+        if hardware is None or not self._at_rest() or not self._time_to_look():
             return
-        works = self._lock.works
-        self._looked(hardware)
         try:
             await require_dark(hardware, self._settings.config.lights.dark_level, Deadline.after(FRESH_WITHIN_S))
         except CameraError as exc:
@@ -427,18 +421,18 @@ class StationSupervisor:
                 fault = _latched(as_fault(exc))
                 log.error("light_at_rest", error=fault.message)
                 self._latch.latch(fault)
-        self._looked(hardware)
-        if self._lock.works != works:
-            self._look_again_s = 0.0  # that picture told nothing
+        self._looked(works)
 
     def _at_rest(self) -> bool:
-        return self._lock.holder is None and self._latch.state is State.IDLE and not self.lamp_is_lent()
+        """Whether nothing works, and no lamp shines because a person wants it to."""
+        return self._lock.holder is None and self._lock.leave is None and self._latch.state is State.IDLE
 
-    def _time_to_look(self, hardware: Hardware) -> bool:
-        return hardware.camera.statistics().delivered != self._seen or time.monotonic() >= self._look_again_s
+    def _time_to_look(self) -> bool:
+        return self._lock.works != self._dark_after or time.monotonic() >= self._look_again_s
 
-    def _looked(self, hardware: Hardware) -> None:
-        self._seen, self._look_again_s = hardware.camera.statistics().delivered, time.monotonic() + LOOK_EVERY_S
+    def _looked(self, works: int) -> None:
+        """Note that a picture was looked at which was taken after so much work."""
+        self._dark_after, self._look_again_s = works, time.monotonic() + LOOK_EVERY_S
 
     async def first_check(self, watchdog: Watchdog) -> None:
         """Ask the drives once all is up: what the self-test of the start left out is read now.

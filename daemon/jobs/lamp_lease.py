@@ -28,15 +28,8 @@ class LampLease:
 
     def __init__(self, latch: FaultLatch, lock: StationLock, lights: Callable[[], Lights | None]) -> None:
         self._latch, self._lock, self._lights = latch, lock, lights
-        self._burning = False
         self._ending: asyncio.Task[None] | None = None
-        lock.leave = self.leave
         latch.subscribe(lambda _change: self._end_soon(0.0) if latch.fault is not None else None)
-
-    @property
-    def burning(self) -> bool:
-        """Whether a lamp shines because a person wants it to."""
-        return self._burning
 
     async def switch(self, light: Light, lease_s: float) -> None:
         """Switch a lamp on for so long, or all off; raise `Fault` unless the station is idle."""
@@ -46,7 +39,7 @@ class LampLease:
             lights = self._lights()
             if lights is None:
                 raise Fault(FaultCode.LINK_LOST, "no device is open")
-            self._burning = True
+            self._lock.leave = self.leave
             try:
                 await lights.set(light, Deadline.after(SWITCH_WITHIN_S))
             finally:
@@ -59,10 +52,8 @@ class LampLease:
             raise Fault(FaultCode.BUSY, "the station works; its lamps are its own then")
 
     async def leave(self) -> None:
-        """Go dark, by whoever has just taken the station; a lamp that does not obey is found by its first look."""
-        if not self._burning:
-            return
-        self._burning = False
+        """Go dark, as the station is taken for work; a lamp that does not obey is found by the work's first look."""
+        self._lock.leave = None
         if self._ending is not None and self._ending is not asyncio.current_task():
             self._ending.cancel()
         lights = self._lights()
@@ -75,7 +66,7 @@ class LampLease:
 
     def _end_soon(self, within_s: float) -> None:
         """Go dark after so long; a lease before this one ends with it."""
-        if not self._burning:
+        if self._lock.leave is None:
             return
         if self._ending is not None:
             self._ending.cancel()
@@ -84,4 +75,5 @@ class LampLease:
     async def _end(self, within_s: float) -> None:
         await asyncio.sleep(within_s)
         async with self._lock.hold("lamp"):
-            await self.leave()
+            if self._lock.leave is not None:
+                await self.leave()

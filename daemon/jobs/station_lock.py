@@ -22,7 +22,10 @@ class StationLock:
         self.freed = asyncio.Event()
         """Set whenever it was given back; the supervisor waits for it and clears it."""
         self.leave: Callable[[], Awaitable[None]] | None = None
-        """Undoes what a person has switched on; called for who works with the station, before anything else."""
+        """Undoes what a person has switched on; called for who works with the station, before anything else.
+
+        None while nothing is switched on.
+        """
 
     @property
     def holder(self) -> Holder | None:
@@ -36,7 +39,7 @@ class StationLock:
 
     @property
     def works(self) -> int:
-        """How often it was taken so far by who may light a lamp or move something: by all but health checks."""
+        """How often it was taken so far to light a lamp or to move something: by all but health checks."""
         return self._works
 
     def goes_on_as(self, holder: Holder) -> None:

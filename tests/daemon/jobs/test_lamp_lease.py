@@ -66,7 +66,9 @@ async def room() -> AsyncIterator[Room]:
 
 async def test_a_lamp_goes_dark_when_its_lease_ends(room: Room) -> None:
     await room.lease.switch(Light.WHITE, 0.01)
+    assert room.lock.leave is not None, "nobody would know that a person has it on"
     await room.goes_dark()
+    assert room.lock.leave is None
     assert room.lamps.told == [Light.WHITE, Light.OFF]
 
 
