@@ -136,11 +136,16 @@ class JournalReader:
                 yield at, touches, json.loads(body)
 
     def touches_before(self, moment: str) -> int:
-        """Return how many touches there had been when something was last measured before a moment (UTC, ISO 8601)."""
+        """Return how many touches there had been when something was last measured before a moment (UTC, ISO 8601).
+
+        Where that row was dropped for its age, all up to the oldest that is kept count as before.
+        """
         if not self._has("measurements"):
             return 0
-        rows = self._rows("SELECT touches FROM measurements WHERE at < ? ORDER BY rowid DESC LIMIT 1", (moment,))
-        return int(rows[0][0]) if rows else 0
+        if before := self._rows("SELECT touches FROM measurements WHERE at < ? ORDER BY n DESC LIMIT 1", (moment,)):
+            return int(before[0][0])
+        oldest = self._rows("SELECT n, touches FROM measurements ORDER BY n LIMIT 1", ())
+        return next((int(touches) for n, touches in oldest if n > 1), 0)  # before the very first there were none
 
     def run(self, run_id: str) -> BoardRun | None:
         """Find a run by its id, by that of a job that worked on it, or, as `last`, the newest."""

@@ -100,14 +100,12 @@ def read_month(journal: Path, station: str, first: datetime, after: datetime) ->
 
 
 def _courses(reader: JournalReader, since: str, before: str, first: datetime) -> tuple[dict[str, Course], int]:
-    """Return the courses of all watches that have numbers, and the touches of the month, whoever asked for them."""
-    so_far, touches = reader.touches_before(since), 0
+    """Return the courses of all watches that have numbers, and the touches of the month, of runs and testers alike."""
+    before_it = in_all = reader.touches_before(since)
     found: dict[str, Course] = {}
     known: dict[str, Spec | None] = {}
-    for at, touched, body in reader.measurements(since, before):
-        day = _day(at, first)
-        touches += max(touched - so_far, 0)  # a counter begins anew with a new journal
-        so_far = touched
+    for at, touches, body in reader.measurements(since, before):
+        day, in_all = _day(at, first), touches
         for name, values in body["numbers"].items():
             if name not in known:
                 known[name] = _spec_of(name)
@@ -124,7 +122,7 @@ def _courses(reader: JournalReader, since: str, before: str, first: datetime) ->
                 course.by_day[int(day)] = (events + int(values[0]), trials + int(values[1]))
     order = {spec.name: k for k, spec in enumerate(all_specs(_buses(found)))}
     found = {name: found[name] for name in sorted(found, key=lambda name: order[name])}
-    return found, touches
+    return found, in_all - before_it
 
 
 def _spec_of(name: str) -> Spec | None:

@@ -54,6 +54,18 @@ async def test_touches_of_runs_count_which_no_tester_reported(tmp_path: Path) ->
     assert read_month(tmp_path / "j.sqlite", "s", *NOVEMBER).touches == 60
 
 
+async def test_touches_before_the_oldest_measurement_that_is_kept_are_of_no_month(tmp_path: Path) -> None:
+    """Measurements are dropped for their age: the first that is left tells of a station's whole life."""
+    journal = await Journal.open(tmp_path / "j.sqlite")
+    points = {"numbers": {"contact_not_made": [0.0, 20.0]}, "bases": {}}
+    for at, touches in (("2026-10-31", 500_000), ("2026-11-02", 500_010), ("2026-11-30", 500_060)):
+        await journal.add_measurement(f"{at}T08:00:00.000+00:00", touches, "", points)
+    await journal.close()
+    with closing(sqlite3.connect(tmp_path / "j.sqlite")) as db, db:
+        db.execute("DELETE FROM measurements WHERE n=1")
+    assert read_month(tmp_path / "j.sqlite", "s", *NOVEMBER).touches == 50
+
+
 async def test_facts_are_of_that_month_only(tmp_path: Path) -> None:
     await keep_a_month(tmp_path / "j.sqlite", 600)
     month = read_month(tmp_path / "j.sqlite", "s", *NOVEMBER)
