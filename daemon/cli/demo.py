@@ -22,6 +22,7 @@ from daemon.cli.output import FAILED, USAGE, AsJson, err, fail, out, say_json
 from daemon.client import NoAnswer, Refused
 from daemon.config.model import Config, load_config
 from daemon.domain.board import Board, BoardPoint
+from daemon.domain.counted import counted
 from daemon.domain.point_test import PointRecord
 from daemon.page.people import USERS_FILE, Users
 from daemon.station.reach import in_reach_at_all_angles
@@ -177,7 +178,7 @@ def _test(
     chosen = _choose(load_config(station.settings), read, fixture, points)
     station.bench.ask("truth")  # what the needle did so far is written down
     tail.take()
-    tell(f"testing {len(chosen)} nets")
+    tell(f"testing {counted(len(chosen), 'net')}")
     done: list[PointRecord] = []
 
     def told(record: PointRecord) -> None:

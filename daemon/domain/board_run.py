@@ -13,6 +13,7 @@ from typing import Literal
 
 from pydantic import Field
 
+from daemon.domain.counted import counted
 from daemon.domain.plan import Plan
 from daemon.domain.point_test import PointRecord, PointTest, PointVerdict, Rung
 from daemon.domain.results import Told
@@ -133,15 +134,11 @@ def in_a_sentence(summary: RunSummary) -> str:
     parts = [
         f"{summary.done} of {summary.points} points",
         f"{summary.passed_first} passed at the first touch",
-        f"{_count(summary.false_opens, 'false open')} recovered" + (f" ({rungs})" if rungs else ""),
-        f"{_count(summary.opens_confirmed, 'open')} confirmed",
+        f"{counted(summary.false_opens, 'false open')} recovered" + (f" ({rungs})" if rungs else ""),
+        f"{counted(summary.opens_confirmed, 'open')} confirmed",
         f"{summary.failed} failed",
         f"{summary.contact_not_made} without contact",
         f"{summary.not_tested} not tested",
     ]
     pace = f"; {summary.seconds_per_point:.2f} s a point" if summary.seconds_per_point is not None else ""
     return ", ".join(parts) + pace
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}" if number == 1 else f"{number} {what}s"

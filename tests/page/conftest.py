@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import shutil
 import socket
@@ -32,6 +33,12 @@ ARGUMENTS = [
 PEOPLE = {"Eve": "observe", "Kim": "operate", "Kai": "operate", "Lee": "maintain"}
 BOARD_ID, PLAN, POINTS = "SN-0042", "six", 6
 SECRET = "a long secret"  # noqa: S105  # of nobody
+
+
+def either_rounding(value: float, digits: int = 1) -> list[str]:
+    """Return a figure rounded down and up: of one in the middle browser and Python do not take the same."""
+    scale = 10**digits
+    return [f"{round_(value * scale) / scale:.{digits}f}" for round_ in (math.floor, math.ceil)]
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -281,10 +281,8 @@ def test_two_tabs_of_one_person_are_one_session(station: PlayedStation, page: Pa
 
 
 def test_three_persons_who_press_at_once_are_all_heard(station: PlayedStation, page: PageProcess) -> None:
-    station.replies["snapshot"] |= {
-        "state": "look",
-        "running": {"id": "j-1", "op": "look"},
-    }  # who comes later sees it, too
+    # Who comes after the event has it from the snapshot
+    station.replies["snapshot"] |= {"state": "look", "running": {"id": "j-1", "op": "look"}}
     station.say("state", state="look", was="triggered", event="accepted", job="j-1", fault=None)
     tabs = {name: page.tab(name) for name in ("Kim", "Kai", "Lee")}
     for tab in tabs.values():

@@ -96,5 +96,5 @@ def test_a_click_that_went_astray_is_said_and_taken_back(browser: Any, teaching:
     tab.locator("#back").click()
     assert "2 of 5" in tab.inner_text("#scatter")
     assert place_of(tab) == pytest.approx(END_PX, abs=0.2)
-    tab.locator("#anew").click()
+    tab.locator("#again").click()
     assert tab.inner_text("#place") == "X,Y"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Iterator
 from itertools import pairwise
 from typing import Any
@@ -12,7 +11,7 @@ import pytest
 
 from daemon.client import Client
 from tests.page.axe import violations
-from tests.page.conftest import BOARD_ID, PLAN, POINTS, PageProcess, state_is
+from tests.page.conftest import BOARD_ID, PLAN, POINTS, PageProcess, either_rounding, state_is
 
 pytestmark = pytest.mark.timeout(600)
 KINDS = {"pass_first": "pass", "pass_recovered": "recovered", "fail": "bad", "open_confirmed": "open",
@@ -375,7 +374,7 @@ def test_a_calibration_is_ordered_from_the_page_and_says_what_it_reached(testing
         tab.wait_for_timeout(20)
     made = client.job("calibrate", job_id=ordered["id"], what="map", test_point="TP5", timeout_s=300.0)
     assert made.outcome == "calibrated", made.error
-    near = [f"residual {round_(made.detail['residual_um'] * 10) / 10:.1f} µm" for round_ in (math.floor, math.ceil)]
+    near = [f"residual {one} µm" for one in either_rounding(made.detail["residual_um"])]
     tab.wait_for_function(
         "near => near.some(one => document.querySelector('[data-made=map]').textContent.includes(one))", arg=near
     )

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from daemon.domain.board import Board
+from daemon.domain.counted import counted
 from daemon.domain.point_test import Cause, PointRecord, PointVerdict, Rung
 from daemon.domain.results import JobResult
 from daemon.tools.demo.fixture import Fixture
@@ -110,17 +111,17 @@ class Story:
         how = ", ".join(f"{count} {way}" for way, count in ways.most_common())
         confirmed = sum(one.record.verdict is PointVerdict.OPEN_CONFIRMED and not one.sound for one in self.points)
         parts = [
-            f"{_count(self.asked, 'net')}: {_count(opens, 'false open')} at first touch",
+            f"{counted(self.asked, 'net')}: {counted(opens, 'false open')} at first touch",
             f"{len(cured)} recovered" + (f" ({how})" if how else ""),
-            f"{_count(confirmed, 'true open')} confirmed",
+            f"{counted(confirmed, 'true open')} confirmed",
             f"{sum(one.wrong is not None for one in self.points)} wrong",
-            _count(self.scratches, "scratch", "scratches"),
+            counted(self.scratches, "scratch", "scratches"),
         ]
         either = sum(one.net_or_harness for one in self.points)
-        parts += [f"{_count(either, 'open')} in net or harness"] if either else []
+        parts += [f"{counted(either, 'open')} in net or harness"] if either else []
         unanswered = self.asked - sum(one.answered for one in self.points)
         parts += [f"{unanswered} without an answer"] if unanswered else []
-        parts += [_count(self.dents, "dent")] if self.dents else []
+        parts += [counted(self.dents, "dent")] if self.dents else []
         seconds = [
             one.record.seconds * speed for one in self.points if one.record.verdict is not PointVerdict.NOT_TESTED
         ]
@@ -161,7 +162,3 @@ def _touches(strokes: Iterable[Stroke]) -> Iterator[list[Stroke]]:
         touch.append(stroke)
     if touch:
         yield touch
-
-
-def _count(number: int, one: str, more: str = "") -> str:
-    return f"{number} {one if number == 1 else more or one + 's'}"

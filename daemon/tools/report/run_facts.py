@@ -16,12 +16,12 @@ PICTURES = ("*.jpg", "*.png")
 TELLING = ("-landing", "-board", "-tip", "-pads")
 """Ends of the names of pictures in which something is drawn; those without are shown only where there is none."""
 
-LOOKS = {"before": "first look", "after": "last look"}
-DRAWN = {
+LOOK_WORDS = {"before": "first look", "after": "last look"}
+KIND_WORDS = {
     "landing": "where the needle came down", "board": "the board's data over the picture", "tip": "the tip as found",
     "pads": "the pads as found", "cross": "the control point as found", "white": "white light", "red": "red light",
 }  # fmt: skip
-"""What a picture shows, by the two parts of its name."""
+"""What a picture shows, by the two parts of its name (`daemon.jobs.image_archive`)."""
 
 
 @dataclass(frozen=True)
@@ -155,9 +155,9 @@ def pictures_of(record: PointRecord) -> list[Path]:
 def caption_of(picture: Path) -> str:
     """Say what a kept picture shows; one of another name is told by its name."""
     look, _, drawn = picture.stem.partition("-")
-    if look not in LOOKS or drawn not in DRAWN:
+    if look not in LOOK_WORDS or drawn not in KIND_WORDS:
         return picture.stem
-    return f"{LOOKS[look]}: {DRAWN[drawn]}".capitalize()
+    return f"{LOOK_WORDS[look]}: {KIND_WORDS[drawn]}".capitalize()
 
 
 def _told_first(path: Path) -> tuple[bool, bool, str]:

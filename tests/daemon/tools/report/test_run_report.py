@@ -14,8 +14,9 @@ import pytest
 
 from daemon.domain.board_run import BoardRun, summarise
 from daemon.domain.point_test import Cause, PointRecord, PointVerdict, Rung
+from daemon.jobs import image_archive
 from daemon.tools.report.run_exports import to_csv, to_json_lines, to_junit
-from daemon.tools.report.run_facts import RunReport, report_of
+from daemon.tools.report.run_facts import RunReport, caption_of, report_of
 from daemon.tools.report.run_page import write_run
 from tests.daemon.domain.test_board_run import a_record, a_run
 
@@ -108,6 +109,12 @@ def test_pictures_of_what_was_recovered_lie_beside_the_page(run: BoardRun, tmp_p
     assert (out / "pictures/0002-B/before-board.jpg").read_bytes() == b"one"
     assert "First look: where the needle came down" in page.text
     assert "before-" not in page.text
+
+
+def test_every_picture_that_the_daemon_keeps_is_captioned_in_words() -> None:
+    for name in (f"{look}-{kind}" for look in image_archive.LOOKS for kind in image_archive.KINDS):
+        assert name not in caption_of(Path(f"{name}.jpg"))
+    assert caption_of(Path("somebody's.png")) == "somebody's"
 
 
 def test_everything_the_page_links_is_there(report: RunReport, tmp_path: Path) -> None:
