@@ -19,10 +19,12 @@ SPEED = 5.0
 # A head with a fifth of the real one's run-out is known from few angles.
 KNOBS = ("head_runout_scale=0.2", "board_dz_um=-60", "card_dz_um=30", "x_backlash_um=40", "y_backlash_um=10")
 LONG = {"timeout_s": 300.0, "deadline_ms": 300e3}
-FROM_DEG = (0.0, 90.0, 180.0, 270.0)
-TURN_WITHIN_DEG = 0.04
-"""A stop is off by 5.7 um a coordinate: four places 12 mm from their middle tell the turn to 0.014 deg from one angle
-(of 15 alignments the scatter was 0.018), and from four angles to half of that (0.01)."""
+TURN_WITHIN_DEG = 0.06
+"""From one angle: a stop is off by 5.7 um a coordinate, so that four places 12 mm from their middle tell the turn to
+0.014 deg (of 15 alignments the scatter was 0.018)."""
+TWICE_FROM_DEG = (0.0, 0.0, 90.0, 90.0, 180.0, 180.0, 270.0, 270.0)
+LOOKED_OFTEN_WITHIN_DEG = 0.03
+"""From four angles, twice each: of 5 alignments the scatter was 0.003, 0.007 off."""
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +82,7 @@ def test_the_rotation_is_calibrated_with_its_page_and_its_figures(rig: Rig, rota
 def test_alignment_and_rotation_put_the_tip_down_within_the_thesis_bound(rig: Rig, rotated: JobResult) -> None:
     assert rotated.ok
     with rig.client() as client:
-        aligned = client.job("align", thetas_deg=FROM_DEG, **LONG)
+        aligned = client.job("align", **LONG)
         assert aligned.error is None, aligned.error
         errors = [
             _landing_um(rig, client, name, theta) for name, theta in (("TP4", 47.0), ("TP8", 201.0), ("TP12", 330.0))
@@ -88,6 +90,15 @@ def test_alignment_and_rotation_put_the_tip_down_within_the_thesis_bound(rig: Ri
     assert max(errors) < 200.0
     pose = rig.truth_start()["board_pose"]
     assert aligned.detail["turn_deg"] == pytest.approx(pose["rotation_deg"], abs=TURN_WITHIN_DEG)
+
+
+def test_an_alignment_that_looks_often_knows_the_turn_better(rig: Rig, rotated: JobResult) -> None:
+    assert rotated.ok
+    with rig.client() as client:
+        aligned = client.job("align", thetas_deg=TWICE_FROM_DEG, **LONG)
+    assert aligned.error is None, aligned.error
+    turn_deg = rig.truth_start()["board_pose"]["rotation_deg"]
+    assert aligned.detail["turn_deg"] == pytest.approx(turn_deg, abs=LOOKED_OFTEN_WITHIN_DEG)
 
 
 def test_the_surface_is_found_where_it_is(rig: Rig) -> None:

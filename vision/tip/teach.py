@@ -202,7 +202,8 @@ def _conclude(strip: ProbeStrip, rough: RoughOutline, outline: Silhouette, click
 def _check_end(strip: ProbeStrip, end_u_px: float, half_px: float) -> None:
     """Raise ValueError unless the metal ends near the given point.
 
-    A crown or a cup has a gap on its axis and metal beside it; beyond the end there is none on either.
+    A crown or a cup has a gap on its axis and metal beside it; beyond the end there is none on either. Of a slender
+    needle that goes on some px, all of what is beyond may be metal: what lies farther tells the ground.
     """
     at, reach = round(end_u_px) - strip.u_from_px, max(round(END_WIDTH_SHARE * half_px), 1)
     columns = strip.pixels[:, strip.reach_px - reach : strip.reach_px + reach + 1]
