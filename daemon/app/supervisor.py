@@ -424,8 +424,9 @@ class StationSupervisor:
         self._looked(works)
 
     def _at_rest(self) -> bool:
-        """Whether nothing works, and no lamp shines because a person wants it to."""
-        return self._lock.holder is None and self._lock.leave is None and self._latch.state is State.IDLE
+        """Whether nothing works, and no lamp shines because a person wants it to; a health check asks drives only."""
+        free = self._lock.holder in (None, "health check")
+        return free and self._lock.leave is None and self._latch.state is State.IDLE
 
     def _time_to_look(self) -> bool:
         return self._lock.works != self._dark_after or time.monotonic() >= self._look_again_s

@@ -421,6 +421,32 @@ async def test_work_done_while_a_picture_was_taken_has_another_taken(station: St
     assert station.hardware.did.count("frame") == 2
 
 
+async def test_a_lamp_that_shines_is_found_though_the_drives_are_asked_meanwhile(station: Station) -> None:
+    """A picture takes as long as a check does: its finding was dropped, and nobody looked again for a while."""
+    await station.supervisor.open()
+    station.hardware.lit_level = 90
+    asked, seen = asyncio.Event(), asyncio.Event()
+
+    async def drives_are_asked() -> None:
+        async with station.lock.hold("health check"):
+            asked.set()
+            await seen.wait()
+
+    async def gate(what: str) -> None:
+        if what == "frame":
+            checks.append(asyncio.create_task(drives_are_asked()))
+            await asked.wait()
+
+    checks: list[asyncio.Task[None]] = []
+    station.watch(gate)
+    await station.supervisor.first_check(Watchdog())
+    seen.set()
+    await asyncio.gather(*checks)
+    assert len(checks) == 1
+    assert station.latch.fault is not None
+    assert station.latch.fault.kind is FaultCode.LIGHT_FAILED
+
+
 async def test_a_picture_taken_at_rest_is_void_once_a_job_has_begun_and_holds_none_up(station: Station) -> None:
     await station.supervisor.open()
     station.hardware.lit_level = 90
