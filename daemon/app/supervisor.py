@@ -416,6 +416,7 @@ class StationSupervisor:
             await require_dark(hardware, self._settings.config.lights.dark_level, Deadline.after(FRESH_WITHIN_S))
         except CameraError as exc:
             log.debug("darkness_not_seen", error=str(exc))
+            return  # still to be seen, as soon as a picture comes
         except Exception as exc:  # noqa: BLE001  # whatever the picture tells becomes the station's fault
             if self._at_rest() and self._lock.works == works:
                 fault = _latched(as_fault(exc))
