@@ -416,6 +416,7 @@ class StationSupervisor:
             await require_dark(hardware, self._settings.config.lights.dark_level, Deadline.after(FRESH_WITHIN_S))
         except CameraError as exc:
             log.debug("darkness_not_seen", error=str(exc))
+            return  # still to be seen, as soon as a picture comes
         except Exception as exc:  # noqa: BLE001  # whatever the picture tells becomes the station's fault
             if self._at_rest() and self._lock.works == works:
                 fault = _latched(as_fault(exc))
@@ -424,8 +425,9 @@ class StationSupervisor:
         self._looked(works)
 
     def _at_rest(self) -> bool:
-        """Whether nothing works, and no lamp shines because a person wants it to."""
-        return self._lock.holder is None and self._lock.leave is None and self._latch.state is State.IDLE
+        """Whether nothing works, and no lamp shines because a person wants it to; a health check asks drives only."""
+        free = self._lock.holder in (None, "health check")
+        return free and self._lock.leave is None and self._latch.state is State.IDLE
 
     def _time_to_look(self) -> bool:
         return self._lock.works != self._dark_after or time.monotonic() >= self._look_again_s

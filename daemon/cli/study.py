@@ -11,6 +11,7 @@ import typer
 from pydantic import ValidationError
 
 from daemon.cli.config_file import ConfigFile, load
+from daemon.cli.formatting import as_commands
 from daemon.cli.output import (
     DEFAULT_ENDPOINT,
     FAILED,
@@ -23,9 +24,8 @@ from daemon.cli.output import (
     out,
     say_json,
 )
-from daemon.client import Client
+from daemon.client import Client, NoAnswer, Refused
 from daemon.domain.board import Board
-from daemon.domain.results import ErrorBody
 from daemon.platform.clock import utc_now
 from daemon.platform.plain_file import read_small
 from daemon.platform.subprocess import draw
@@ -66,7 +66,7 @@ def study(
     with own_settings():
         from daemon.tools.report.study import Study, capability, write_study  # noqa: PLC0415  # brings matplotlib
 
-        trouble: ErrorBody | None = None
+        trouble: Refused | NoAnswer | None = None
         try:
             if redraw is not None:
                 made = Study.model_validate_json(read_small(redraw))
@@ -84,8 +84,8 @@ def study(
     else:
         _tell(found, output)
     if trouble is not None:
-        done = len(made.dx_um)
-        fail(f"only {done} of {times} landings are in it; the next one: {trouble.message}", advice=trouble.advice)
+        done, (message, advice) = len(made.dx_um), _in_words(trouble)
+        fail(f"only {done} of {times} landings are in it; the next one: {message}", advice=advice)
 
 
 def _tell(found: dict[str, Capability], output: Path) -> None:
@@ -100,14 +100,14 @@ def _tell(found: dict[str, Capability], output: Path) -> None:
 
 def _landings(
     endpoint: str, test_point: str, times: int, tolerance_um: float
-) -> tuple[dict[str, Any], ErrorBody | None]:
+) -> tuple[dict[str, Any], Refused | NoAnswer | None]:
     """Land again and again; return what the looks measured, and what ended it early.
 
     What is enough for a study is not thrown away for a landing that fails; less than that is no study.
     """
     dx_um: list[float] = []
     dy_um: list[float] = []
-    trouble: ErrorBody | None = None
+    trouble: Refused | NoAnswer | None = None
     with answered(), Client(endpoint) as client:
         described = client.request("describe")
         points = {one["name"]: one for one in described["board"]["test_points"]}
@@ -116,27 +116,37 @@ def _landings(
         away_um = [points[test_point]["x_um"] + AWAY_UM, points[test_point]["y_um"]]
         for number in range(1, times + 1):
             err.print(f"landing {number} of {times}", highlight=False)
-            looked, trouble = _land(client, test_point, away_um)
-            if trouble is not None and len(dx_um) >= LEAST_LANDINGS:
-                break
-            if trouble is not None:
-                fail(f"landing {number}: {trouble.message}", advice=trouble.advice)
+            try:
+                looked = _land(client, test_point, away_um)
+            except (Refused, NoAnswer) as exc:
+                trouble = exc
+                if len(dx_um) >= LEAST_LANDINGS:
+                    break
+                message, advice = _in_words(exc)
+                fail(f"landing {number}: {message}", advice=advice)
             dx_um.append(-float(looked["dx_um"]))
             dy_um.append(-float(looked["dy_um"]))
     said = {"station": described["station"], "test_point": test_point, "made_at": utc_now()}
     return {**said, "tolerance_um": tolerance_um, "dx_um": dx_um, "dy_um": dy_um}, trouble
 
 
-def _land(client: Client, test_point: str, away_um: list[float]) -> tuple[dict[str, Any], ErrorBody | None]:
-    """Leave the point and land on it again; return what the look said, or why there is none."""
+def _land(client: Client, test_point: str, away_um: list[float]) -> dict[str, Any]:
+    """Leave the point and land on it again; return what the look said. Raises `Refused`, also for what failed."""
     looked: dict[str, Any] = {}
     there = {"test_point": test_point}
     for op, fields in (("place", {"board_um": away_um}), ("place", there), ("correct", there), ("look", there)):
         result = client.job(op, **fields)
         if result.error is not None:
-            return {}, result.error
+            raise Refused(result.error.model_dump())
         looked = result.detail
-    return looked, None
+    return looked
+
+
+def _in_words(trouble: Refused | NoAnswer) -> tuple[str, str]:
+    """Return what happened, and what to do."""
+    if isinstance(trouble, Refused):
+        return str(trouble.error["message"]), as_commands(str(trouble.error["advice"]))
+    return str(trouble), "see that the daemon runs: `reprobe status`"
 
 
 def page(

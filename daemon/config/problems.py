@@ -162,7 +162,7 @@ def _thousandfold(path: str, given: object, root: type[BaseModel]) -> str:
     for factor in (1e3, 1e-3):
         try:
             kept.validate_python(meant := round(given * factor, 6))
-        except ValidationError:
+        except (ValidationError, OverflowError):
             continue
         return f"; is {meant:g} meant?"
     return ""

@@ -40,9 +40,13 @@ class RawValues:
     def number(self, path: str) -> float | None:
         """Return a finite number; None if it is missing or something else."""
         value = self.at(path)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        if isinstance(value, bool) or not isinstance(value, int | float):
             return None
-        return float(value)
+        try:
+            number = float(value)
+        except OverflowError:  # a whole number of hundreds of digits
+            return None
+        return number if math.isfinite(number) else None
 
     def with_numbers(self, numbers: Mapping[str, float]) -> RawValues:
         """Return the same with other numbers at some paths, in tables that are there."""

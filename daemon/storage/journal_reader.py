@@ -135,17 +135,20 @@ class JournalReader:
             for at, touches, body in self._pages("measurements", "at, touches, body", where, values):
                 yield at, touches, json.loads(body)
 
-    def touches_before(self, moment: str) -> int:
-        """Return how many touches there had been when something was last measured before a moment (UTC, ISO 8601).
+    def touches(self, since: str, before: str) -> int:
+        """Return how many touches were measured from `since` on and before `before`, UTC, ISO 8601.
 
-        Where that row was dropped for its age, all up to the oldest that is kept count as before.
+        Each measurement tells what came since the one before it in the file, whatever a clock said then. What came
+        before the oldest is no part of it where rows before that were dropped for their age.
         """
         if not self._has("measurements"):
             return 0
-        if before := self._rows("SELECT touches FROM measurements WHERE at < ? ORDER BY n DESC LIMIT 1", (moment,)):
-            return int(before[0][0])
-        oldest = self._rows("SELECT n, touches FROM measurements ORDER BY n LIMIT 1", ())
-        return next((int(touches) for n, touches in oldest if n > 1), 0)  # before the very first there were none
+        first = "CASE WHEN n = 1 THEN 0 ELSE touches END"  # before the very first there were none
+        sql = (
+            "SELECT coalesce(sum(max(touches - earlier, 0)), 0) FROM (SELECT at, touches,"  # noqa: S608  # our own words
+            f" lag(touches, 1, {first}) OVER (ORDER BY n) AS earlier FROM measurements) WHERE at >= ? AND at < ?"
+        )
+        return int(self._rows(sql, (since, before))[0][0])
 
     def run(self, run_id: str) -> BoardRun | None:
         """Find a run by its id, by that of a job that worked on it, or, as `last`, the newest."""

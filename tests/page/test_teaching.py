@@ -98,3 +98,14 @@ def test_a_click_that_went_astray_is_said_and_taken_back(browser: Any, teaching:
     assert place_of(tab) == pytest.approx(END_PX, abs=0.2)
     tab.locator("#again").click()
     assert tab.inner_text("#place") == "X,Y"
+
+
+def test_a_click_beside_the_picture_is_none(browser: Any, teaching: Path) -> None:
+    """Near its corner the view shows what is not in the picture."""
+    tab = opened(browser, teaching, viewport={"width": 1280, "height": 800})
+    picture, view = (tab.locator(one).bounding_box() for one in ("#picture", "#view"))
+    tab.mouse.click(picture["x"] + 1, picture["y"] + 1)
+    tab.mouse.click(view["x"] + 5, view["y"] + 5)
+    assert tab.inner_text("#place") == "X,Y"
+    tab.mouse.click(view["x"] + view["width"] - 5, view["y"] + view["height"] - 5)
+    assert "1 of 5" in tab.inner_text("#scatter")

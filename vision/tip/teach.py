@@ -288,8 +288,9 @@ def _sizes(outline: Silhouette, end_u_px: float, rim1_u_px: float, rim2_u_px: fl
     slope, end = (float(number) for number in np.polyfit(-taper_u[narrowing], taper[narrowing], 1))
     if not (0.02 < slope < 1.0):
         raise ValueError(
-            f"the needle narrows by {slope:.2f} px in each px towards its end (0.02 to 1 can be taught, or 0): "
-            "click its very end, and see that only the needle is seen there"
+            f"the needle is {cylinder - float(np.mean(taper)):.1f} px thinner each side below its marking than above, "
+            f"but narrows there by {slope:.2f} px in each px towards its end (0.02 to 1 can be taught, or one as wide "
+            "below as above): click its very end, in the middle of its width, and see that nothing else is seen there"
         )
     _check_axis(final, cylinder, MOST_WIDER_PX)
     return ProbeShape(h, marking, max(end, 0.5), slope, cylinder), final

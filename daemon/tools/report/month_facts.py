@@ -67,6 +67,7 @@ class Month:
     first: datetime
     last: datetime
     touches: int
+    """Of runs and testers alike."""
     jobs: int
     failures: Mapping[str, int]
     """Error name -> how many jobs ended with it."""
@@ -86,7 +87,8 @@ def read_month(journal: Path, station: str, first: datetime, after: datetime) ->
     """Read one month; raise `NoJournal` if the journal cannot be read."""
     since, before = (moment.isoformat(timespec="milliseconds") for moment in (first, after))
     with JournalReader(journal) as reader:
-        courses, touches = _courses(reader, since, before, first)
+        courses = _courses(reader, since, before, first)
+        touches = reader.touches(since, before)
         failures: Counter[str] = Counter()
         jobs = 0
         for job in reader.jobs(since=since):
@@ -99,13 +101,12 @@ def read_month(journal: Path, station: str, first: datetime, after: datetime) ->
     return Month(station, first, after, touches, jobs, dict(failures.most_common()), courses, lines, standing)
 
 
-def _courses(reader: JournalReader, since: str, before: str, first: datetime) -> tuple[dict[str, Course], int]:
-    """Return the courses of all watches that have numbers, and the touches of the month, of runs and testers alike."""
-    before_it = in_all = reader.touches_before(since)
+def _courses(reader: JournalReader, since: str, before: str, first: datetime) -> dict[str, Course]:
+    """Return the courses of all watches that have numbers."""
     found: dict[str, Course] = {}
     known: dict[str, Spec | None] = {}
-    for at, touches, body in reader.measurements(since, before):
-        day, in_all = _day(at, first), touches
+    for at, _, body in reader.measurements(since, before):
+        day = _day(at, first)
         for name, values in body["numbers"].items():
             if name not in known:
                 known[name] = _spec_of(name)
@@ -121,8 +122,7 @@ def _courses(reader: JournalReader, since: str, before: str, first: datetime) ->
                 events, trials = course.by_day.get(int(day), (0, 0))
                 course.by_day[int(day)] = (events + int(values[0]), trials + int(values[1]))
     order = {spec.name: k for k, spec in enumerate(all_specs(_buses(found)))}
-    found = {name: found[name] for name in sorted(found, key=lambda name: order[name])}
-    return found, in_all - before_it
+    return {name: found[name] for name in sorted(found, key=lambda name: order[name])}
 
 
 def _spec_of(name: str) -> Spec | None:

@@ -12,10 +12,10 @@ import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Literal
+from typing import Final, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from daemon.platform.atomic_file import replace_whole
 from daemon.tools.report.page import Number, Page, PageVerdict, Plot, render, write_text
@@ -38,6 +38,13 @@ class Study(BaseModel):
     tolerance_um: float = Field(gt=0)
     dx_um: tuple[float, ...] = Field(min_length=LEAST)
     dy_um: tuple[float, ...] = Field(min_length=LEAST)
+
+    @model_validator(mode="after")
+    def _both_of_each(self) -> Self:
+        """See that each landing has both."""
+        if len(self.dx_um) != len(self.dy_um):
+            raise ValueError(f"{len(self.dx_um)} landings have an x and {len(self.dy_um)} a y")
+        return self
 
 
 @dataclass(frozen=True)

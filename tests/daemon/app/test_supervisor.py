@@ -421,6 +421,50 @@ async def test_work_done_while_a_picture_was_taken_has_another_taken(station: St
     assert station.hardware.did.count("frame") == 2
 
 
+async def test_a_lamp_that_shines_is_found_though_the_drives_are_asked_meanwhile(station: Station) -> None:
+    """A picture takes as long as a check does: its finding was dropped, and nobody looked again for a while."""
+    await station.supervisor.open()
+    station.hardware.lit_level = 90
+    asked, seen = asyncio.Event(), asyncio.Event()
+
+    async def drives_are_asked() -> None:
+        async with station.lock.hold("health check"):
+            asked.set()
+            await seen.wait()
+
+    async def gate(what: str) -> None:
+        if what == "frame":
+            checks.append(asyncio.create_task(drives_are_asked()))
+            await asked.wait()
+
+    checks: list[asyncio.Task[None]] = []
+    station.watch(gate)
+    await station.supervisor.first_check(Watchdog())
+    seen.set()
+    await asyncio.gather(*checks)
+    assert len(checks) == 1
+    assert station.latch.fault is not None
+    assert station.latch.fault.kind is FaultCode.LIGHT_FAILED
+
+
+async def test_a_lamp_that_shines_is_found_as_soon_as_a_camera_that_was_away_gives_a_picture(
+    station: Station, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(supervisor, "LOOK_EVERY_S", 3600.0)
+    station.check_every(0.001)
+    await station.supervisor.open()
+    looking = asyncio.create_task(station.supervisor.run())
+    await _until(lambda: station.hardware.delivered == 1)
+    station.hardware.errors["frame"] = CameraError("no picture", device="cam")
+    asked = station.hardware.did.count("frame")
+    async with station.lock.hold("job"):
+        station.hardware.lit_level = 90
+    await _until(lambda: station.hardware.did.count("frame") > asked)
+    del station.hardware.errors["frame"]
+    await _until(lambda: station.latch.fault is not None)
+    looking.cancel()
+
+
 async def test_a_picture_taken_at_rest_is_void_once_a_job_has_begun_and_holds_none_up(station: Station) -> None:
     await station.supervisor.open()
     station.hardware.lit_level = 90

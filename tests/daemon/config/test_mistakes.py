@@ -357,6 +357,13 @@ def test_a_height_in_mm_is_one_mistake_and_one_line(folder: Path, name: str) -> 
     assert f"is {float(height):g} meant?" in said[0][1]
 
 
+@pytest.mark.parametrize("given", ["safe_z_um = 12000.0", "origin_x_um = 60000.0"])
+def test_a_number_beyond_all_numbers_is_a_mistake_and_no_defect(folder: Path, given: str) -> None:
+    """Something lay on the keyboard."""
+    _, named = _check(folder, _mistaken((given, f"{given.partition(' ')[0]} = {'1' * 400}")))
+    assert named
+
+
 def test_an_empty_file_is_called_that_once(folder: Path) -> None:
     _, named = _check(folder, "# nothing yet\n")
     assert len(named) == 1

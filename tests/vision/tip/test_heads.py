@@ -138,3 +138,13 @@ def test_what_cannot_be_taught_is_said_by_its_shape_and_the_ground_only_where_it
     bright = white_scene(500, kit="round_shaft", ground="paper", defect="no_needle")
     with pytest.raises(ValueError, match="use a dark, quiet background"):
         ProbeModel.teach(bright.frame, taught("round_shaft").tip_px)
+
+
+def test_a_needle_that_seems_thinner_below_its_marking_is_not_said_to_narrow_by_nothing() -> None:
+    """After a click beside its axis "narrows by 0.00 (0.02 to 1 can be taught, or 0)" was said."""
+    picture = golden(kit="round_shaft")
+    assert picture.tip_px is not None
+    x, y = picture.tip_px
+    with pytest.raises(ValueError, match=r"thinner each side below its marking .* in the middle of its width") as said:
+        ProbeModel.teach(picture.frame, (x - 8.0, y))
+    assert "or 0" not in str(said.value)

@@ -66,6 +66,17 @@ async def test_touches_before_the_oldest_measurement_that_is_kept_are_of_no_mont
     assert read_month(tmp_path / "j.sqlite", "s", *NOVEMBER).touches == 50
 
 
+async def test_a_clock_that_was_behind_for_a_while_moves_no_touches_into_another_month(tmp_path: Path) -> None:
+    """A computer whose clock has no battery wakes up some months ago; its page said -740 touches."""
+    journal = await Journal.open(tmp_path / "j.sqlite")
+    points = {"numbers": {"contact_not_made": [0.0, 20.0]}, "bases": {}}
+    for at, touches in (("2026-10-31", 100), ("2026-11-01", 125), ("2026-11-30", 160), ("2026-12-05", 890),
+                        ("2026-10-01", 900), ("2026-12-05", 910)):  # fmt: skip
+        await journal.add_measurement(f"{at}T08:00:00.000+00:00", touches, "", points)
+    await journal.close()
+    assert read_month(tmp_path / "j.sqlite", "s", *NOVEMBER).touches == 60
+
+
 async def test_facts_are_of_that_month_only(tmp_path: Path) -> None:
     await keep_a_month(tmp_path / "j.sqlite", 600)
     month = read_month(tmp_path / "j.sqlite", "s", *NOVEMBER)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import random
 import statistics
@@ -13,6 +14,7 @@ from typer.testing import CliRunner
 
 from daemon.cli import study as command
 from daemon.cli.app import app
+from daemon.client import NoAnswer, Refused
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.results import ErrorBody, JobResult
 from daemon.tools.report.study import WANTED, Study, capability, study_page, write_study
@@ -110,3 +112,38 @@ def test_landings_are_not_thrown_away_for_one_that_fails(tmp_path: Path, monkeyp
     few = CliRunner().invoke(app, ["study", "TP7", "--times", "20", "-o", str(tmp_path / "few.html")])
     assert few.exit_code == 1
     assert not (tmp_path / "few.html").exists()
+
+
+@pytest.mark.parametrize(
+    "trouble", [Refused(ErrorBody.of(Fault(FaultCode.BUSY, "a job runs")).model_dump()), NoAnswer("no answer in time")]
+)
+def test_landings_are_not_thrown_away_for_a_station_that_takes_no_more(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, trouble: Exception
+) -> None:
+    """Somebody else's job began, or the daemon went away: nothing is wrong with what was measured."""
+
+    class Leaves(_Station):
+        def job(self, op: str, **fields: Any) -> JobResult:
+            if self.looks == self.fails_from - 1:
+                raise trouble
+            return super().job(op, **fields)
+
+    monkeypatch.setattr(command, "Client", Leaves)
+    made = CliRunner().invoke(app, ["study", "TP7", "--times", "20", "-o", str(tmp_path / "study.html")])
+    assert made.exit_code == 1
+    assert "only 11 of 20 landings are in it" in made.output
+    assert ("a job runs" in made.output) or ("no answer in time" in made.output)
+    assert len(Study.model_validate_json((tmp_path / "study.json").read_text()).dx_um) == 11
+    monkeypatch.setattr(_Station, "fails_from", 9)
+    few = CliRunner().invoke(app, ["study", "TP7", "--times", "20", "-o", str(tmp_path / "few.html")])
+    assert few.exit_code == 1
+    assert "landing 9: " in few.output
+    assert not (tmp_path / "few.html").exists()
+
+
+def test_numbers_in_which_a_landing_lacks_its_y_are_refused_in_words(tmp_path: Path) -> None:
+    whole = _study(1.0, 0.0).model_dump(mode="json")
+    (tmp_path / "s.json").write_text(json.dumps(whole | {"dx_um": [*whole["dx_um"], 1.0]}))
+    wrong = CliRunner().invoke(app, ["study", "--redraw", str(tmp_path / "s.json"), "-o", str(tmp_path / "p.html")])
+    assert wrong.exit_code == 2
+    assert "a y" in wrong.output
