@@ -246,13 +246,13 @@ class JobContext:
             self.first_look = look
         self.last_look = self._last_pictured = look
 
-    @property
-    def pictured(self) -> PointLooks:
-        """The looks of which pictures are kept: the first, and the last where it is another.
+    def pictured(self, *, failed: bool = False) -> PointLooks:
+        """Return the looks of which pictures are kept: the first, and the last where it is another.
 
-        One that only saw the tip once more, before a touch, says less than the look for the pad before it.
+        One that only saw the tip once more, before a touch, says less than the look for the pad before it; but of a
+        job that failed the very last look is the evidence.
         """
-        last = self._last_pictured
+        last = self.last_look if failed else self._last_pictured
         return self.first_look, last if last is not self.first_look else None
 
     @contextmanager

@@ -67,7 +67,7 @@ class ImageArchive:
 
     async def keep(self, folder: Path, job: JobContext, result: JobResult) -> None:
         """Write the pictures, then drop the oldest folders beyond the quota; a full disk only stops the keeping."""
-        before, after = job.pictured
+        before, after = job.pictured(failed=not result.ok)
         await self._keep(folder, {"before": before, "after": after}, result.model_dump_json(indent=1))
 
     async def keep_point(self, folder: Path, job_id: str, looks: PointLooks, record: PointRecord) -> None:

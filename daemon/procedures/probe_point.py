@@ -110,7 +110,7 @@ async def probe_point(  # noqa: PLR0913  # each is told by name
             "seconds": round(time.monotonic() - began_s, 3), "at": utc_now(),
         }
     )  # fmt: skip
-    record, keeping = job.touching.keep(record, job.pictured)
+    record, keeping = job.touching.keep(record, job.pictured())
     if keeping is not None:
         job.later(keeping)
     await job.touching.book.add_point(job.request.id, record)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,18 +18,20 @@ NAMES = ("TP2", "RESET")
 
 
 @pytest.fixture
-def written(browser: Any) -> Any:
-    """A page with the reports' styles, at a telephone's width; close it by its context."""
+def written(browser: Any) -> Iterator[Any]:
+    """A page with the reports' styles, at a telephone's width."""
     sheets = Environment(loader=FileSystemLoader(STYLES), autoescape=False)  # noqa: S701  # our own style sheets
     style = "".join(sheets.get_template(name).render() for name in ("style.css", "run.css"))
     cells = "".join(f"<td{' class=left' if one in NAMES else ''}>{one}</td>" for one in ROW)
     box = '<svg viewBox="0 0 900 300"><rect width="900" height="300"/></svg>'
-    tab = browser.new_context(viewport={"width": 390, "height": 844}).new_page()
+    context = browser.new_context(viewport={"width": 390, "height": 844})
+    tab = context.new_page()
     tab.set_content(
         f"<!doctype html><style>{style}</style><figure class=plot>{box}</figure>"
         f"<table class=points><tr>{cells}<td class=left>{LONG}</td></tr></table>"
     )
-    return tab
+    yield tab
+    context.close()
 
 
 def test_names_and_figures_stay_whole_beside_a_long_column_of_words(written: Any) -> None:

@@ -37,7 +37,7 @@ def _look() -> Any:
 
 
 def _job() -> Any:
-    return SimpleNamespace(pictured=(_look(), None))
+    return SimpleNamespace(pictured=lambda **_: (_look(), None))
 
 
 def _result(job_id: str) -> JobResult:
@@ -261,7 +261,7 @@ async def test_looks_that_found_the_target_leave_a_picture_of_where_the_needle_c
     await ImageArchive(tmp_path, "all", 10.0).keep(tmp_path / "job", job, _result("job"))
     assert {file.name for file in (tmp_path / "job").glob("*landing*")} == {"before-landing.jpg"}
     job.forget_looks()
-    assert (job.first_look, job.last_look, job.pictured) == (None, None, (None, None))
+    assert (job.first_look, job.last_look, job.pictured()) == (None, None, (None, None))
 
 
 async def test_a_look_at_the_tip_before_a_touch_leaves_the_picture_of_where_the_needle_comes_down(
@@ -274,8 +274,9 @@ async def test_a_look_at_the_tip_before_a_touch_leaves_the_picture_of_where_the_
         job.aimed(replace(look, landing=_landing(off_um)))
     hovering = replace(_seen(), red=None, tip=found_tip(100.0, 100.0))
     job.saw(hovering)
-    assert job.last_look is hovering
-    await ImageArchive(tmp_path, "all", 10.0).keep(tmp_path / "job", job, _result("job"))
+    assert job.pictured(failed=True)[1] is hovering
+    well = _result("job").model_copy(update={"ok": True})
+    await ImageArchive(tmp_path, "all", 10.0).keep(tmp_path / "job", job, well)
     assert {file.name for file in (tmp_path / "job").glob("*landing*")} == {"before-landing.jpg", "after-landing.jpg"}
 
 
@@ -284,7 +285,7 @@ async def test_a_last_look_that_did_not_find_the_tip_is_pictured(tmp_path: Path)
     job.saw(_seen())
     lost = replace(_seen(), red=None, tip=NotFound(Reason.NO_NEEDLE, "nothing looks like it"))
     job.saw(lost)
-    assert job.pictured[1] is lost
+    assert job.pictured()[1] is lost
 
 
 async def test_what_is_seen_elsewhere_is_not_pictured() -> None:
@@ -293,7 +294,7 @@ async def test_what_is_seen_elsewhere_is_not_pictured() -> None:
     job.saw(own)
     with job.looks_elsewhere():
         job.saw(_seen())
-    assert (job.last_look, job.pictured, job.looks) == (own, (own, None), 2)
+    assert (job.last_look, job.pictured(), job.looks) == (own, (own, None), 2)
 
 
 def _context() -> JobContext:
