@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from vision.core import Floats, Gray, Plane, robust_fit
 from vision.tip.edges import EdgePoints, edge_points
+from vision.tip.end import BEYOND_PX, check_end
 from vision.tip.ground import ground_advice
 from vision.tip.marking_rim import join_rim, marking_levels, rim_columns, rim_places
 from vision.tip.outline import RoughOutline, rough_probe
@@ -39,8 +40,6 @@ MOST_WIDER_PX, MOST_HEAD_PX = 1.0, 8.0
 """How much wider than the cylinder the taper may be, and the head of a blunt needle, on both sides alike."""
 END_ROWS = 5
 """The last rows of the taper: how wide a blunt needle is."""
-END_WIDTH_SHARE, END_LEVEL = 0.6, 0.75
-"""The end is looked for within this share of the needle's half width; its level and that beyond are this quantile."""
 HEAD_FROM_PX, HEAD_TO_PX, HEAD_SHARE, LEAST_HEAD_PX = 22, 4, 0.7, 1.2
 """Where before the end a wider head is looked for, and what of its rows is as wide or narrower."""
 LEAST_RIM_STRENGTH, LEAST_RIM_AGREEMENT = 8.0, 0.5
@@ -83,7 +82,8 @@ def _measured(image: Plane, wide: ProbeStrip, tip_px: tuple[float, float], hint_
         dim = dim_side(ratios, by_ratio)
         strip, outline = _straightened(image, tip_px, angle, rough.outline, (dim < 0, dim > 0))
         outline = replace(outline, dim_side=dim, shade_px=taught_shade_px(strip, outline, dim))
-    return _conclude(strip, rough, outline, tip_px)
+    longer = straighten(image, (strip.x_px, strip.y_px), strip.angle_rad, -LENGTH_PX, BEYOND_PX, REACH_PX)
+    return _conclude(strip, longer, rough, outline, tip_px)
 
 
 def _straightened(
@@ -169,8 +169,10 @@ def _running_median(values: Floats) -> Floats:
     return smooth
 
 
-def _conclude(strip: ProbeStrip, rough: RoughOutline, outline: Silhouette, click_px: tuple[float, float]) -> Taught:
-    """Measure the rims on the final strip and put the click on the axis."""
+def _conclude(
+    strip: ProbeStrip, longer: ProbeStrip, rough: RoughOutline, outline: Silhouette, click_px: tuple[float, float]
+) -> Taught:
+    """Measure the rims on the final strip and put the click on the axis; a `longer` one tells whether it ends there."""
     c, s = np.cos(strip.angle_rad), np.sin(strip.angle_rad)
     dx, dy = click_px[0] - strip.x_px, click_px[1] - strip.y_px
     along, across = float(dx * c + dy * s), float(dy * c - dx * s)
@@ -179,7 +181,7 @@ def _conclude(strip: ProbeStrip, rough: RoughOutline, outline: Silhouette, click
             f"the given end lies {abs(across):.1f} px beside the needle's measured axis (at most "
             f"{CLICK_REACH_PX:.0f}): click the very end again, in the middle of its width"
         )
-    _check_end(strip, along, float(np.mean(outline.half_px[-END_ROWS:])))
+    check_end(longer, along, float(np.mean(outline.half_px[-END_ROWS:])), rough.rim2_u_px)
     rim1_u, rim2_u, form = _rims(strip, rough, outline)
     metal, dark = marking_levels(strip, (0.0, 0.0), rim1_u, rim2_u)
     shape, outline = _sizes(outline, along, rim1_u, rim2_u)
@@ -197,30 +199,6 @@ def _conclude(strip: ProbeStrip, rough: RoughOutline, outline: Silhouette, click
         marking_contrast=1.0 - dark / max(metal, 1.0),
         click_offset_px=across,
     )
-
-
-def _check_end(strip: ProbeStrip, end_u_px: float, half_px: float) -> None:
-    """Raise ValueError unless the metal ends near the given point.
-
-    A crown or a cup has a gap on its axis and metal beside it; beyond the end there is none on either. Of a slender
-    needle that goes on some px, all of what is beyond may be metal: what lies farther tells the ground.
-    """
-    at, reach = round(end_u_px) - strip.u_from_px, max(round(END_WIDTH_SHARE * half_px), 1)
-    columns = strip.pixels[:, strip.reach_px - reach : strip.reach_px + reach + 1]
-    parts = ((-16, -6), (6, 16), (4, 9), (14, 24))
-    levels = (np.median(columns[at + start : at + stop], axis=0) for start, stop in parts)
-    metal, beyond, just_beyond, far = (float(np.quantile(level, END_LEVEL)) for level in levels)
-    if metal < 1.15 * beyond + 6.0:
-        raise ValueError(
-            f"the needle does not end at the given point: it is as bright beyond ({beyond:.0f} of 255) as before it "
-            f"({metal:.0f}); click the very end"
-        )
-    ground = min(beyond, far)
-    if just_beyond > (metal + ground) / 2.0:
-        raise ValueError(
-            f"the needle does not end at the given point: some px beyond it is as bright as before it "
-            f"({just_beyond:.0f} of 255, {metal:.0f}), and darker then ({ground:.0f}); click the very end"
-        )
 
 
 def _head_wider_px(strip: ProbeStrip, end_u_px: float, half_px: float) -> float:
