@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from daemon.cli.setup_dialogue import Dialogue, StepFailed, number, text
-from daemon.config.model import BusSection, ConfigError, load_config, unlikely
+from daemon.config.model import ConfigError, load_config, unlikely
 from daemon.config.problems import told
+from daemon.config.sections.devices import BusSection
 from daemon.domain.board import Board
 from daemon.platform.atomic_file import replace_whole
 from daemon.tools.board_import import Options, import_board

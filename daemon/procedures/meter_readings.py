@@ -12,7 +12,7 @@ import time
 from collections.abc import Sequence
 from statistics import median
 
-from daemon.config.model import MeterSection
+from daemon.config.sections.meter import MeterSection
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.point_test import UNIT_OF_METHOD, PointTest
 from daemon.jobs.context import JobContext, StationContext

@@ -13,7 +13,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from daemon.config.model import BrushSection, MeterSection, ReferenceSection
+from daemon.config.sections.meter import MeterSection
+from daemon.config.sections.touching import BrushSection, ReferenceSection
 from daemon.domain.board import Board
 from daemon.domain.contact import ContactFacts
 from daemon.domain.point_mark import PointMark

@@ -19,7 +19,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from daemon.config.model import Config, Section, load_config
+from daemon.config.model import Config, load_config
+from daemon.config.sections.base import Section
 from daemon.domain.board import Board, BoardPoint
 from daemon.domain.states import Event, Machine, State
 from daemon.jobs.context import JobContext, MarkOf, Outcome, Procedure, StationContext, Touching, nothing_said

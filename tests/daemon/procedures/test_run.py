@@ -10,7 +10,8 @@ from typing import Any
 
 import pytest
 
-from daemon.config.model import MeterSection, ReferenceSection
+from daemon.config.sections.meter import MeterSection
+from daemon.config.sections.touching import ReferenceSection
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.plan import Plan
 from daemon.domain.point_test import Limits, PointRecord, PointTest, PointVerdict
