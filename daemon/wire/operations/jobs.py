@@ -310,11 +310,12 @@ class StopRules(Told):
 class Run(JobRequest):
     """Walk a plan, or a list of points, over a board: test point by point, and tell each as soon as it has a verdict.
 
-    `board_id` is required, for touches of pads are counted by it, and so is what is left of a run. A run that a kill, a
-    cancel or a fault left unfinished is gone on with by another `run` with `resume`: no point that has a verdict is
-    touched again, and plan and order stay those of its beginning. While one of this board is unfinished, another is
-    refused (`run_unfinished`); `abandon` ends the old one as it is. A list of `points` asks only for contact. The
-    result's `detail` tells `run` (its id, that of the job that began it) and `summary`.
+    `board_id` is required, for touches of pads are counted by it, and so is what is left of a run. What no point could
+    be tested without (tip, map, the board's alignment, its surface) is refused before anything moves. A run that a
+    kill, a cancel or a fault left unfinished is gone on with by another `run` with `resume`: no point that has a
+    verdict is touched again, and plan and order stay those of its beginning. While one of this board is unfinished,
+    another is refused (`run_unfinished`); `abandon` ends the old one as it is. A list of `points` asks only for
+    contact. The result's `detail` tells `run` (its id, that of the job that began it) and `summary`.
     """
 
     TOUCHES = True
