@@ -109,7 +109,7 @@ class Daemon:
         """Do a job of minutes with a bar; what went wrong has been said when it raises `StepFailed`."""
         self.start()
         try:
-            run_with_bar(op, self.endpoint, as_json=False, **fields)
+            run_with_bar(op, self.endpoint, as_json=False, alone=False, **fields)
         except typer.Exit as exc:
             if exc.exit_code:
                 raise StepFailed(

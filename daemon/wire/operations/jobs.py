@@ -111,7 +111,11 @@ class Align(JobRequest):
 
 
 class Calibrate(JobRequest):
-    """Teach the probe's tip, or measure the map, the head's rotation, the surface's plane, or the axes' play."""
+    """Teach the probe's tip, or measure the map, the head's rotation, the surface's plane, or the axes' play.
+
+    A new tip makes map, rotation and surface void. In `detail` of its result: `void`, those that were in force, and
+    `next`, what is to be done now, in this order.
+    """
 
     op: Literal["calibrate"]
     what: Literal["tip", "map", "rotation", "surface", "backlash"]
