@@ -139,5 +139,5 @@ def align(
     run_with_bar("align", endpoint, as_json=as_json, **fields)
 
 
-def _on(name: str | None) -> dict[str, str]:
+def _on(name: str | None) -> dict[str, Any]:
     return {} if name is None else {"test_point": name}
