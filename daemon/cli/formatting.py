@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from functools import cache
 from typing import Any
@@ -105,6 +106,19 @@ def sentence(result: JobResult) -> str:
     error = "" if before is None else f", {before:.0f} um off" if after is None else f", {before:.0f} -> {after:.0f} um"
     did = [f", {n} {name}{'s'[: n != 1]}" for n, name in ((result.looks, "look"), (result.moves, "move")) if n]
     return f"[green]{what}{result.outcome}[/]{where}{error}{''.join(did)}"
+
+
+def doubts(detail: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Say what a job that ended well does not know, each with what to do about it."""
+    found = []
+    if unseen := detail.get("unconfirmed"):
+        why = f"nobody has seen the tip there, the drives alone say so: {unseen['message']}"
+        found.append((why, as_commands(unseen.get("advice", ""))))
+    if detail.get("height") == "unknown":
+        aside = f"; a look may see a pad {detail['parallax_um']:.0f} um aside" if "parallax_um" in detail else ""
+        why = f"how high the board lies is unknown within {detail['height_within_um']:.0f} um{aside}"
+        found.append((why, "`reprobe calibrate surface`; without it nothing is touched"))
+    return found
 
 
 def age(made_at: str) -> str:

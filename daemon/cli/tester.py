@@ -8,7 +8,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from daemon.cli.formatting import as_commands, calibrated, in_words, sentence
+from daemon.cli.formatting import as_commands, calibrated, doubts, in_words, sentence
 from daemon.cli.output import DEFAULT_ENDPOINT, USAGE, AsJson, Endpoint, answered, err, fail, out, say_json
 from daemon.cli.points import point_option
 from daemon.client import Client, Refused
@@ -136,6 +136,10 @@ def show(result: JobResult, *, as_json: bool) -> None:
         say_json(result.model_dump(mode="json"))
     else:
         out.print(sentence(result), highlight=False)
+        for doubt, advice in doubts(result.detail) if result.ok else ():
+            out.print(f"  [yellow]{escape(doubt)}[/]", highlight=False, soft_wrap=True)
+            if advice:
+                out.print(f"  [dim]->[/] {escape(advice)}", highlight=False, soft_wrap=True)
         _print_timing(result)
         if result.pictures:
             out.print(f"pictures: {result.pictures}", highlight=False, soft_wrap=True)

@@ -57,7 +57,7 @@ class Place(JobRequest):
     the pad stands, `pad_height` (`unknown`) of a soldered one of which it does not, and `parallax_um`, how far aside a
     look may see a pad whose height is unknown; `confirmed_by`: `picture`, the tip was seen there by the board's CAD,
     `off_um` and `away_um` tell how far off; or `drives`, where nobody could see it or it was seen farther off than a
-    first landing may end, `unconfirmed` tells why.
+    first landing may end, `unconfirmed` tells why (`name`, `message`, `advice`), also where tip or map is missing.
     """
 
     ENDS_OVER_POINT = "placed"
