@@ -41,11 +41,12 @@ def tip(
 
     A new probe makes map, rotation and surface void: its end lies elsewhere.
     """
+    place = None if tip_px is None else point_option(tip_px, "--tip", FAILED)
     if not as_json:
         with answered(), Client(endpoint) as client:
             _say_void(client.request("status"))
-    if tip_px is not None:
-        run_with_bar("calibrate", endpoint, as_json=as_json, what="tip", tip_px=point_option(tip_px, "--tip", FAILED))
+    if place is not None:
+        run_with_bar("calibrate", endpoint, as_json=as_json, what="tip", tip_px=place)
         return
     with answered(), Client(endpoint) as client:
         result = client.job("look", pictures=True)

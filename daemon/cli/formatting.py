@@ -59,9 +59,19 @@ def gist(event: dict[str, Any]) -> str:
             return escape(one_line(in_words(told)))
 
 
+TYPED_AS = {"alerts": "health", "trigger": "correct", "snapshot": "status", "charts": "month"}
+"""Operations whose command has another name."""
+
+
 def as_commands(advice: str) -> str:
-    """Return a daemon's advice in the words of the command line: what it calls `home` is typed as `reprobe home`."""
-    return _named_operation().sub(lambda found: f"`reprobe {found[1]}", advice.replace("send `", "type `"))
+    """Return a daemon's words in those of the command line: what it calls `home` is typed as `reprobe home`."""
+    if "`" not in advice:
+        return advice
+
+    def typed(found: re.Match[str]) -> str:
+        return f"`reprobe {TYPED_AS.get(found[1], found[1])}"
+
+    return _named_operation().sub(typed, advice.replace("send `", "type `"))
 
 
 @cache
@@ -100,7 +110,7 @@ def sentence(result: JobResult) -> str:
     where = f" {escape(result.test_point)}" if result.test_point else ""
     what = f"{result.detail['what']} " if result.op == "calibrate" and "what" in result.detail else ""
     if result.error is not None:
-        why = f"{result.error.name} ({result.error.code}), {escape(result.error.message)}"
+        why = f"{result.error.name} ({result.error.code}), {escape(as_commands(result.error.message))}"
         return f"[red]{result.op}{f' {what}'.rstrip()}{where} failed[/]: {why}"
     before, after = result.error_before_um, result.error_after_um
     error = "" if before is None else f", {before:.0f} um off" if after is None else f", {before:.0f} -> {after:.0f} um"

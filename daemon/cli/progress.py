@@ -12,7 +12,7 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedCo
 from rich.table import Table
 
 from daemon.cli.formatting import as_commands, in_words
-from daemon.cli.output import FAILED, answered, err, out, say_json
+from daemon.cli.output import FAILED, answered, err, out, say_cure, say_json
 from daemon.client import Client, NoAnswer, Subscription
 from daemon.domain.results import JobResult
 
@@ -73,8 +73,9 @@ def _tell(result: JobResult, *, alone: bool) -> None:
     """Show a result's figures, one a line."""
     if result.error is not None:
         fault = result.error
-        out.print(f"[red]{result.op} failed[/]: {fault.name} ({fault.code}), {escape(fault.message)}", highlight=False)
-        out.print(f"  [dim]->[/] {escape(as_commands(fault.advice))}", highlight=False)
+        why = f"{fault.name} ({fault.code}), {escape(as_commands(fault.message))}"
+        out.print(f"[red]{result.op} failed[/]: {why}", highlight=False, soft_wrap=True)
+        say_cure(fault.advice)
         if "in_force" in result.detail:
             out.print(f"  in force: {in_force_words(result.detail)}", highlight=False)
         return

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Literal, TypeVar
 
+from daemon.cli.formatting import as_commands
 from daemon.cli.output import out
 from daemon.tools.setup import Notes
 
@@ -121,8 +122,8 @@ class Dialogue:
 
     def after_failure(self, failure: StepFailed, *, form: bool = False) -> Choice:
         """Tell why a step failed, and ask what now; `go` tries it again. Raises `Back` to the step before a form."""
-        self.say(f"This did not work: {failure}")
-        self.say(f"  -> {failure.advice}")
+        self.say(f"This did not work: {as_commands(str(failure))}")
+        self.say(f"  -> {as_commands(failure.advice)}")
         back = f", {BACK}: the step before" if form else ""
         return self._choice(f"Enter: try again, s: skip this step, q: end here{back}", "go", form=form)
 

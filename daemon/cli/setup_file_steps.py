@@ -201,7 +201,7 @@ def meter(setup: Setup) -> None:
     say, now = setup.dialogue.say, read_value(setup.text(), "meter")
     say("An instrument between needle and harness measures what the needle stands on. A station may be without one.")
     if not setup.dialogue.yes("Is there one?", default=now is not None):
-        say("So your own tester measures: by `reprobe touch`, or over the wire (`touch`, `probe` with measure tester).")
+        say("So your own tester measures: by `reprobe touch`, or over the wire by touch or probe (measure tester).")
         say(f"`reprobe probe` and `reprobe run` need one; `reprobe setup -c {setup.file} --only meter` adds it.")
         if now is not None:
             say(f"{setup.file} still has one: delete its table [meter] there by hand.")

@@ -11,7 +11,6 @@ import typer
 from pydantic import ValidationError
 
 from daemon.cli.config_file import ConfigFile, load
-from daemon.cli.formatting import as_commands
 from daemon.cli.output import (
     DEFAULT_ENDPOINT,
     FAILED,
@@ -145,7 +144,7 @@ def _land(client: Client, test_point: str, away_um: list[float]) -> dict[str, An
 def _in_words(trouble: Refused | NoAnswer) -> tuple[str, str]:
     """Return what happened, and what to do."""
     if isinstance(trouble, Refused):
-        return str(trouble.error["message"]), as_commands(str(trouble.error["advice"]))
+        return str(trouble.error["message"]), str(trouble.error["advice"])
     return str(trouble), "see that the daemon runs: `reprobe status`"
 
 
