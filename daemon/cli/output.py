@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,6 +16,7 @@ from rich.text import Text
 from daemon.cli.formatting import as_commands, visible
 from daemon.cli.plain_usage import in_plain_words
 from daemon.client import DEFAULT_CONTROL, NoAnswer, NotLetIn, Refused
+from daemon.platform.finite_json import to_json
 from daemon.wire.curve_keys import KeyTrouble
 
 WIDE = 130
@@ -44,8 +44,8 @@ FAILED, USAGE = 1, 2
 
 
 def say_json(value: Any) -> None:
-    """Print one JSON line."""
-    typer.echo(json.dumps(value))
+    """Print one JSON line; what is no number, or infinite, is null."""
+    typer.echo(to_json(value))
 
 
 def fail(message: str, *, advice: str = "", code: int = FAILED) -> NoReturn:
