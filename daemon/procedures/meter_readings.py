@@ -37,7 +37,7 @@ class MeterReadings:
             raise Fault(
                 FaultCode.METER_FAILED,
                 "this station has no measuring instrument",
-                advice='configure [meter], or send "measure": "tester" and measure yourself',
+                advice='`reprobe setup --only meter` asks for one; or send "measure": "tester", and measure yourself',
             )
         self._job, self._context = job, context
         self._section: MeterSection = section

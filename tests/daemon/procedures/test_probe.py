@@ -249,6 +249,17 @@ async def test_the_board_that_was_aligned_is_meant_where_none_is_named(line: Lin
     assert line.book.touches[0]["board_id"] == "b17"
 
 
+async def test_a_board_laid_in_after_the_surface_was_measured_is_refused_and_nothing_moves(line: Line) -> None:
+    of_before = line.world.calibrations.in_force.records["surface"]
+    line.world.calibrations.store(of_before.model_copy(update={"made_at": "2026-03-01T10:00:00.000+00:00"}))
+    line.world.with_alignment(line.world.true_pose, board_id="b18")
+    with pytest.raises(Fault) as caught:
+        await line.probe("A")
+    assert caught.value.kind is FaultCode.SURFACE_UNKNOWN
+    assert "before this board was aligned" in caught.value.message
+    assert (line.world.gantry.moves, line.book.touches, line.book.points) == ([], [], [])
+
+
 async def test_touches_of_one_visit_are_counted_together_over_restarts(line: Line) -> None:
     line.films["A"] = (99, INF)
     for n in range(3):
