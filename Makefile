@@ -1,4 +1,4 @@
-# Everything sets itself up: python3 (3.11 or newer) with its venv module (Debian: python3-venv), make and a package index
+# Everything sets itself up: python3 (3.11 to 3.13) with its venv module (Debian: python3-venv), make and a package index
 # are all that is needed. What is missing is said with the command that brings it.
 PY := .venv/bin/python
 STAMP := .venv/.installed

@@ -11,7 +11,7 @@ from rich.markup import escape
 from daemon.cli.config_file import ConfigFile, load
 from daemon.cli.output import USAGE, fail, out
 from daemon.storage.journal_reader import NoJournal
-from daemon.tools.report.run_facts import read_run
+from daemon.tools.report.run_facts import NoRun, read_run
 from daemon.tools.report.run_page import write_run
 
 app = typer.Typer()
@@ -29,6 +29,6 @@ def board_report(
         page = write_run(read_run(loaded.station.journal, run), output)
     except NoJournal as exc:
         fail(str(exc), advice=exc.advice)
-    except LookupError as exc:
-        fail(str(exc.args[0]), advice="name one of these, or `last`", code=USAGE)
+    except NoRun as exc:
+        fail(str(exc), advice=exc.advice, code=USAGE)
     out.print(f"written to {escape(str(page))}", highlight=False, soft_wrap=True)

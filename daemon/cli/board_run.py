@@ -11,7 +11,6 @@ import typer
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from daemon.cli.formatting import as_commands
 from daemon.cli.output import FAILED, answered, err, fail, out, say_json
 from daemon.cli.plan import refuse_plan
 from daemon.cli.plan_text import PlanRefused, is_plan_file, plan_text, send_plan
@@ -200,7 +199,7 @@ def _tell(result: JobResult, board_id: str, *, as_json: bool) -> None:
             )
     if result.error is not None and not as_json:
         fault = result.error
-        fail(f"{fault.name} ({fault.code}): {fault.message}", advice=as_commands(fault.advice))
+        fail(f"{fault.name} ({fault.code}): {fault.message}", advice=fault.advice)
     if not passed or not result.ok:
         unknown = (
             result.outcome == "run_done" and summary is not None and not (summary.failed or summary.opens_confirmed)

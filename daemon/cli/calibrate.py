@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -9,11 +10,13 @@ import typer
 
 from daemon.cli.click_page import kept_picture, write_click_page
 from daemon.cli.fit import fit
-from daemon.cli.output import DEFAULT_ENDPOINT, FAILED, AsJson, Endpoint, answered, out
+from daemon.cli.formatting import age
+from daemon.cli.output import DEFAULT_ENDPOINT, FAILED, AsJson, Endpoint, answered, err, out
 from daemon.cli.points import point_option
 from daemon.cli.progress import run_with_bar
 from daemon.cli.study import certificate, page
 from daemon.client import Client
+from daemon.storage.calibration_in_force import OF_THE_PROBE
 
 app = typer.Typer()
 group = typer.Typer(help="Calibrate: tip, map, rotation, surface, backlash.", no_args_is_help=True)
@@ -38,8 +41,12 @@ def tip(
 
     A new probe makes map, rotation and surface void: its end lies elsewhere.
     """
-    if tip_px is not None:
-        run_with_bar("calibrate", endpoint, as_json=as_json, what="tip", tip_px=point_option(tip_px, "--tip", FAILED))
+    place = None if tip_px is None else point_option(tip_px, "--tip", FAILED)
+    if not as_json:
+        with answered(), Client(endpoint) as client:
+            _say_void(client.request("status"))
+    if place is not None:
+        run_with_bar("calibrate", endpoint, as_json=as_json, what="tip", tip_px=place)
         return
     with answered(), Client(endpoint) as client:
         result = client.job("look", pictures=True)
@@ -49,6 +56,14 @@ def tip(
     out.print(
         f"open {page}, click the very end of the needle, and run the command it shows", markup=False, soft_wrap=True
     )
+
+
+def _say_void(status: Mapping[str, Any]) -> None:
+    """Say what will be void, before anything is taught."""
+    made = (status.get("calibration") or {}).get("made_at") or {}
+    void = [f"{what} (made {age(made[what])})" for what in OF_THE_PROBE if what in made]
+    if void:
+        err.print(f"a new tip makes void: {', '.join(void)}; they are measured again", highlight=False, soft_wrap=True)
 
 
 @group.command("map")
@@ -125,5 +140,5 @@ def align(
     run_with_bar("align", endpoint, as_json=as_json, **fields)
 
 
-def _on(name: str | None) -> dict[str, str]:
+def _on(name: str | None) -> dict[str, Any]:
     return {} if name is None else {"test_point": name}

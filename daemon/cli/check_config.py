@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
+from daemon.cli.formatting import as_commands
 from daemon.cli.output import USAGE, AsJson, err, out, say_json
 from daemon.config.model import Config, ConfigError, load_config, unlikely
 from daemon.config.problems import Problem, Unlikely, line_of, nearest, told
@@ -152,5 +153,5 @@ def _probed(config: Path, problems: list[Problem], odd: Unlikely) -> tuple[list[
     said = {"fail": problems, "warn": odd.notes}
     for check in checks:
         if check.verdict in said:
-            said[check.verdict].append((check.about, f"{check.found}; {check.advice}"))
+            said[check.verdict].append((check.about, as_commands(f"{check.found}; {check.advice}")))
     return problems, odd

@@ -17,7 +17,7 @@ import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from daemon.cli.board_run import in_words
-from daemon.cli.interruption import ENDING
+from daemon.cli.interruption import ENDING, taken_as_ctrl_c
 from daemon.cli.output import FAILED, USAGE, AsJson, err, fail, out, say_json
 from daemon.client import NoAnswer, Refused
 from daemon.config.model import Config, load_config
@@ -157,8 +157,9 @@ def _run(places: Places, read: Board, wish: Bench, points: int, *, page: bool) -
             tested = _test(places, read, station, points, tell)
             if beside is not None:
                 progress.stop()
-                _tell_where(beside.url, places.socket("control"))
-                with suppress(KeyboardInterrupt):
+                # However it is told to end while it stays: what was tested is told all the same.
+                with suppress(KeyboardInterrupt), taken_as_ctrl_c():
+                    _tell_where(beside.url, places.socket("control"))
                     signal.pause()
             return tested
 

@@ -8,7 +8,8 @@ import typer
 from rich.markup import escape
 
 from daemon.cli.config_file import ConfigFile
-from daemon.cli.output import FAILED, AsJson, err, out, say_json
+from daemon.cli.formatting import as_commands
+from daemon.cli.output import FAILED, AsJson, err, out, say_cure, say_json
 
 app = typer.Typer()
 COLOUR = {"ok": "green", "warn": "yellow", "fail": "red"}
@@ -35,8 +36,8 @@ def doctor(
     else:
         for check in findings.checks:
             mark = f"[{COLOUR[check.verdict]}]{check.verdict:<4}[/]"
-            out.print(f"{mark} [bold]{escape(check.about)}[/]: {escape(check.found)}", highlight=False, soft_wrap=True)
-            if check.advice:
-                out.print(f"       [dim]->[/] {escape(check.advice)}", highlight=False, soft_wrap=True)
+            found = escape(as_commands(check.found))
+            out.print(f"{mark} [bold]{escape(check.about)}[/]: {found}", highlight=False, soft_wrap=True)
+            say_cure(check.advice, indent=7)
     if not findings.good:
         raise typer.Exit(FAILED)

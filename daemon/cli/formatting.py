@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from functools import cache
 from typing import Any
@@ -58,9 +59,19 @@ def gist(event: dict[str, Any]) -> str:
             return escape(one_line(in_words(told)))
 
 
+TYPED_AS = {"alerts": "health", "trigger": "correct", "snapshot": "status", "charts": "month"}
+"""Operations whose command has another name."""
+
+
 def as_commands(advice: str) -> str:
-    """Return a daemon's advice in the words of the command line: what it calls `home` is typed as `reprobe home`."""
-    return _named_operation().sub(lambda found: f"`reprobe {found[1]}", advice.replace("send `", "type `"))
+    """Return a daemon's words in those of the command line: what it calls `home` is typed as `reprobe home`."""
+    if "`" not in advice:
+        return advice
+
+    def typed(found: re.Match[str]) -> str:
+        return f"`reprobe {TYPED_AS.get(found[1], found[1])}"
+
+    return _named_operation().sub(typed, advice.replace("send `", "type `"))
 
 
 @cache
@@ -99,12 +110,25 @@ def sentence(result: JobResult) -> str:
     where = f" {escape(result.test_point)}" if result.test_point else ""
     what = f"{result.detail['what']} " if result.op == "calibrate" and "what" in result.detail else ""
     if result.error is not None:
-        why = f"{result.error.name} ({result.error.code}), {escape(result.error.message)}"
+        why = f"{result.error.name} ({result.error.code}), {escape(as_commands(result.error.message))}"
         return f"[red]{result.op}{f' {what}'.rstrip()}{where} failed[/]: {why}"
     before, after = result.error_before_um, result.error_after_um
     error = "" if before is None else f", {before:.0f} um off" if after is None else f", {before:.0f} -> {after:.0f} um"
     did = [f", {n} {name}{'s'[: n != 1]}" for n, name in ((result.looks, "look"), (result.moves, "move")) if n]
     return f"[green]{what}{result.outcome}[/]{where}{error}{''.join(did)}"
+
+
+def doubts(detail: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Say what a job that ended well does not know, each with what to do about it."""
+    found = []
+    if unseen := detail.get("unconfirmed"):
+        why = f"nobody has seen the tip there, the drives alone say so: {unseen['message']}"
+        found.append((why, as_commands(unseen.get("advice", ""))))
+    if detail.get("height") == "unknown":
+        aside = f"; a look may see a pad {detail['parallax_um']:.0f} um aside" if "parallax_um" in detail else ""
+        why = f"how high the board lies is unknown within {detail['height_within_um']:.0f} um{aside}"
+        found.append((why, "`reprobe calibrate surface`; without it nothing is touched"))
+    return found
 
 
 def age(made_at: str) -> str:

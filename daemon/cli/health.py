@@ -13,7 +13,7 @@ from rich.table import Table
 
 from daemon.cli.config_file import ConfigFile, load
 from daemon.cli.formatting import as_commands
-from daemon.cli.output import DEFAULT_ENDPOINT, FAILED, USAGE, AsJson, Endpoint, answered, fail, out, say_json
+from daemon.cli.output import DEFAULT_ENDPOINT, FAILED, USAGE, AsJson, Endpoint, answered, fail, out, say_cure, say_json
 from daemon.client import Client
 from daemon.platform.subprocess import draw
 
@@ -83,7 +83,7 @@ def _show(reply: dict[str, Any]) -> None:
         out.print(f"  since about {alert['since_touches']} touches, {alert['since_at'][:16]} UTC", highlight=False)
         for line in alert["evidence"][-3:]:
             out.print(f"  [dim]{escape(as_commands(line))}[/]", highlight=False, soft_wrap=True)
-        out.print(f"  [dim]->[/] {escape(as_commands(alert['advice']))}", highlight=False, soft_wrap=True)
+        say_cure(alert["advice"])
         if known := alert["acknowledged"]:
             note = f": {known['note']}" if known["note"] else ""
             out.print(f"  acknowledged by {escape(known['by'] + note)}", highlight=False, soft_wrap=True)
@@ -99,7 +99,7 @@ def _show(reply: dict[str, Any]) -> None:
         healthy = f"[red]not calibrated[/]: it corrects nothing before {cure}; {alerts}"
     if fault := reply.get("fault"):
         cure = escape(as_commands(fault["advice"]))
-        healthy = f"[red]in fault: {fault['name']}[/], {escape(fault['message'])} -> {cure}; {alerts}"
+        healthy = f"[red]in fault: {fault['name']}[/], {escape(as_commands(fault['message']))} -> {cure}; {alerts}"
     learned = f"{learning} of {len(reply['watches'])} watches have not seen enough yet to judge"
     out.print(f"{healthy}; {learned}", highlight=False, soft_wrap=True)
 

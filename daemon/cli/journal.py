@@ -18,7 +18,7 @@ from rich.table import Table
 from daemon.cli.config_file import ConfigFile, load
 from daemon.cli.formatting import as_commands, in_words, one_line
 from daemon.cli.job_page import pictures_of, write_job_page
-from daemon.cli.output import FAILED, USAGE, AsJson, err, fail, out, say_json
+from daemon.cli.output import FAILED, USAGE, AsJson, err, fail, out, say_cure, say_json
 from daemon.platform.atomic_file import replace_whole
 from daemon.platform.clock import WAITS
 from daemon.platform.spreadsheet import plain_cell
@@ -182,8 +182,9 @@ def _tell(row: JobRow, steps: list[Step]) -> None:
         table.add_row(state, *(f"{spent.get(c, 0.0):.1f}" for c in columns))
     out.print(table)
     if (error := row.error) is not None:
-        out.print(f"[red]failed[/]: {error['name']} ({error['code']}), {escape(error['message'])}", highlight=False)
-        out.print(f"  [dim]->[/] {escape(as_commands(error['advice']))}", highlight=False)
+        why = f"{error['name']} ({error['code']}), {escape(as_commands(error['message']))}"
+        out.print(f"[red]failed[/]: {why}", highlight=False, soft_wrap=True)
+        say_cure(error["advice"])
         if technical := error["detail"].get("technical"):
             out.print(f"  [dim]in the maker's terms: {escape(one_line(str(technical)))}[/]", highlight=False)
     else:

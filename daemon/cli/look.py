@@ -9,7 +9,7 @@ import typer
 from rich.markup import escape
 
 from daemon.cli.board_look import BoardAsked
-from daemon.cli.output import DEFAULT_ENDPOINT, FAILED, USAGE, AsJson, Endpoint, err, fail, out, say_json
+from daemon.cli.output import DEFAULT_ENDPOINT, FAILED, USAGE, AsJson, Endpoint, err, fail, out, say_cure, say_json
 from daemon.cli.picture_files import SUFFIXES, check_target, write_picture
 from daemon.cli.points import point_option
 from daemon.cli.stored_look import Asked, StoredLook, look_at
@@ -150,4 +150,4 @@ def _tell_missing(findings: StoredLook, *, shown: bool) -> None:
             what = f"{kind.replace('_', ' ')}: {facts['reason']}, {facts['message']}"
             err.print(f"[bold red]not found:[/] {escape(what)}", highlight=False, soft_wrap=True)
     if not findings.ok and not shown:
-        err.print("  [dim]->[/] add --out look.png to see what was seen", highlight=False)
+        say_cure("add --out look.png to see what was seen", to=err)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,6 +16,7 @@ from rich.text import Text
 from daemon.cli.formatting import as_commands, visible
 from daemon.cli.plain_usage import in_plain_words
 from daemon.client import DEFAULT_CONTROL, NoAnswer, NotLetIn, Refused
+from daemon.platform.finite_json import to_json
 from daemon.wire.curve_keys import KeyTrouble
 
 WIDE = 130
@@ -44,16 +44,22 @@ FAILED, USAGE = 1, 2
 
 
 def say_json(value: Any) -> None:
-    """Print one JSON line."""
-    typer.echo(json.dumps(value))
+    """Print one JSON line; what is no number, or infinite, is null."""
+    typer.echo(to_json(value))
 
 
 def fail(message: str, *, advice: str = "", code: int = FAILED) -> NoReturn:
     """Say what went wrong and what to do, as it is written, then end."""
-    err.print(f"[bold red]error:[/] {escape(message)}", highlight=False, soft_wrap=True)
-    if advice:
-        err.print(f"  [dim]->[/] {escape(advice)}", highlight=False, soft_wrap=True)
+    err.print(f"[bold red]error:[/] {escape(as_commands(message))}", highlight=False, soft_wrap=True)
+    say_cure(advice, to=err)
     raise typer.Exit(code)
+
+
+def say_cure(advice: str, *, to: VisibleConsole | None = None, indent: int = 2) -> None:
+    """Say what to do, in a line of its own and in words that can be typed; nothing where there is no advice."""
+    if advice:
+        line = f"{' ' * indent}[dim]->[/] {escape(as_commands(advice))}"
+        (to or out).print(line, highlight=False, soft_wrap=True)
 
 
 def _wrong_fields(detail: Any) -> str:
@@ -72,10 +78,7 @@ def answered() -> Iterator[None]:
         error = exc.error
         if wrong := _wrong_fields(error.get("detail")):
             fail(f"{error['name']} ({error['code']}): {wrong}", advice="give other values, and send it again")
-        fail(
-            f"{error['name']} ({error['code']}): {error['message']}",
-            advice=as_commands(error["advice"]),
-        )
+        fail(f"{error['name']} ({error['code']}): {error['message']}", advice=error["advice"])
     except KeyTrouble as exc:
         fail(str(exc), advice=exc.advice)
     except NotLetIn as exc:

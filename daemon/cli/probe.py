@@ -8,7 +8,8 @@ import typer
 from pydantic import ValidationError
 from rich.markup import escape
 
-from daemon.cli.output import DEFAULT_ENDPOINT, USAGE, AsJson, Endpoint, answered, err, fail, out, say_json
+from daemon.cli.formatting import as_commands
+from daemon.cli.output import DEFAULT_ENDPOINT, USAGE, AsJson, Endpoint, answered, err, fail, out, say_cure, say_json
 from daemon.cli.tester import ANSWER_WITHIN_S, BoardId, JobIdOption
 from daemon.client import Client
 from daemon.domain.point_test import PASSES, UNIT_OF_METHOD, Limits, PointRecord, PointVerdict
@@ -87,9 +88,9 @@ def _show(result: JobResult, *, as_json: bool) -> None:
     if as_json:
         say_json(result.model_dump(mode="json"))
     elif result.error is not None:
-        why = f"{result.error.name} ({result.error.code}), {escape(result.error.message)}"
+        why = f"{result.error.name} ({result.error.code}), {escape(as_commands(result.error.message))}"
         out.print(f"[red]not tested[/]: {why}", highlight=False, soft_wrap=True)
-        out.print(f"  [dim]->[/] {escape(result.error.advice)}", highlight=False, soft_wrap=True)
+        say_cure(result.error.advice)
     else:
         for line in told(PointRecord.model_validate(result.detail["record"])):
             out.print(line, highlight=False, soft_wrap=True)

@@ -12,7 +12,7 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedCo
 from rich.table import Table
 
 from daemon.cli.formatting import as_commands, in_words
-from daemon.cli.output import FAILED, answered, err, out, say_json
+from daemon.cli.output import FAILED, answered, err, out, say_cure, say_json
 from daemon.client import Client, NoAnswer, Subscription
 from daemon.domain.results import JobResult
 
@@ -20,8 +20,11 @@ LOOK_AGAIN_S = 1.0
 """How long to listen before asking for the result: an event may be lost, an answer is not."""
 
 
-def run_with_bar(op: str, endpoint: str, *, as_json: bool, **fields: Any) -> None:
-    """Run a job, show how far it is and how it ended; exit 1 if it failed. Ctrl-C cancels the job, not only the bar."""
+def run_with_bar(op: str, endpoint: str, *, as_json: bool, alone: bool = True, **fields: Any) -> None:
+    """Run a job, show how far it is and how it ended; exit 1 if it failed. Ctrl-C cancels the job, not only the bar.
+
+    `alone`: the caller does not do by itself what comes next, and it is said.
+    """
     job_id = f"{op}-{uuid.uuid4().hex[:12]}"
     with answered(), Client(endpoint) as client:
         events = client.request("describe")["events"]
@@ -31,7 +34,7 @@ def run_with_bar(op: str, endpoint: str, *, as_json: bool, **fields: Any) -> Non
     if as_json:
         say_json(result.model_dump(mode="json"))
     else:
-        _tell(result)
+        _tell(result, alone=alone)
     if not result.ok:
         raise typer.Exit(FAILED)
 
@@ -66,20 +69,31 @@ def _bar() -> Progress:
     return Progress(*columns, console=err, transient=True)
 
 
-def _tell(result: JobResult) -> None:
+def _tell(result: JobResult, *, alone: bool) -> None:
     """Show a result's figures, one a line."""
     if result.error is not None:
         fault = result.error
-        out.print(f"[red]{result.op} failed[/]: {fault.name} ({fault.code}), {escape(fault.message)}", highlight=False)
-        out.print(f"  [dim]->[/] {escape(as_commands(fault.advice))}", highlight=False)
+        why = f"{fault.name} ({fault.code}), {escape(as_commands(fault.message))}"
+        out.print(f"[red]{result.op} failed[/]: {why}", highlight=False, soft_wrap=True)
+        say_cure(fault.advice)
         if "in_force" in result.detail:
             out.print(f"  in force: {in_force_words(result.detail)}", highlight=False)
         return
     table = Table.grid(padding=(0, 2))
     for name, value in result.detail.items():
-        table.add_row(name, figure_words(value))
+        if name not in ("void", "next"):
+            table.add_row(name, figure_words(value))
     out.print(f"[green]{result.outcome}[/], {result.looks} looks, {result.moves} moves", highlight=False)
     out.print(table)
+    for line in undone_words(result.detail) if alone else ():
+        out.print(line, highlight=False, markup=False, soft_wrap=True)
+
+
+def undone_words(detail: Mapping[str, Any]) -> list[str]:
+    """Say what a new tip has made void, and what to type next; nothing where it is nothing."""
+    void, following = detail.get("void"), detail.get("next")
+    lines = [f"void now, for they were measured with the tip before: {', '.join(void)}"] if void else []
+    return lines + ([f"next: {', then '.join(f'`reprobe {op}`' for op in following)}"] if following else [])
 
 
 def figure_words(value: Any) -> str:

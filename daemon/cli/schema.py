@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from daemon.cli.output import USAGE, fail, out, say_json
-from daemon.config.model import ApiSection
+from daemon.config.sections.service import ApiSection
 from daemon.tools.messages import page as messages
 from daemon.wire.docs.schema import schemas, write
 

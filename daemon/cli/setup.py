@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,7 +14,7 @@ from daemon.cli import setup_file_steps as file_steps
 from daemon.cli import setup_station_steps as station_steps
 from daemon.cli.interruption import taken_as_ctrl_c
 from daemon.cli.output import fail
-from daemon.cli.setup_dialogue import Dialogue, Quit, StepFailed
+from daemon.cli.setup_dialogue import Back, Dialogue, Quit, StepFailed
 from daemon.cli.setup_file_steps import Setup
 from daemon.cli.setup_station_steps import Daemon
 from daemon.platform.logs import set_up
@@ -34,6 +35,12 @@ class Step:
     of_station: Callable[[Setup, Daemon], Any] | None = None
 
 
+NEXT_STEPS = (
+    "reprobe home",
+    "reprobe align                # for each board that is put in",
+    "reprobe calibrate surface    # after it: nothing is touched before it is known how high this board lies",
+    "reprobe place TP7",
+)
 HOMING = "Z up to its switch first, then X, Y and the head's angle to theirs, slowly."
 _LOOKS = "the head, at working height over the board, to many places; lamps flash"
 STEPS = (
@@ -42,6 +49,7 @@ STEPS = (
     Step("mechanics", "Travel, scale and heights", None, file_steps.mechanics),
     Step("camera", "Camera", None, file_steps.camera),
     Step("board", "Board", None, file_steps.board),
+    Step("meter", "Measuring instrument", None, file_steps.meter),
     Step("sockets", "Sockets", None, file_steps.sockets),
     Step("check", "Check of the whole file", None, file_steps.check),
     Step("start", "Start of the daemon", None, of_station=station_steps.start),
@@ -88,14 +96,9 @@ def setup(
         notes.forget()
     guided = Setup(config, Dialogue(notes))
     daemon = Daemon(guided)
-    skipped: list[str] = []
     try:
         with taken_as_ctrl_c():
-            for number, step in enumerate(steps, 1):
-                if step.name in notes.done and only is None:
-                    guided.dialogue.say(f"== {number} of {len(steps)}: {step.title}: done before")
-                elif not do_step(step, f"{number} of {len(steps)}: {step.title}", guided, daemon):
-                    skipped.append(step.name)
+            skipped = _walk(steps, () if only else notes.done, guided, daemon)
     except (Quit, KeyboardInterrupt):
         guided.dialogue.say(f"\nEnded here. `reprobe setup -c {config}` goes on where this was.")
         raise typer.Exit(1) from None
@@ -104,23 +107,43 @@ def setup(
     _farewell(guided, skipped)
 
 
+def _walk(steps: Sequence[Step], done_before: Sequence[str], guided: Setup, daemon: Daemon) -> list[str]:
+    """Do one step after the other; return the names of those that were skipped."""
+    number, gone_back, skipped = 0, False, set[str]()
+    while number < len(steps):
+        step = steps[number]
+        title = f"{number + 1} of {len(steps)}: {step.title}"
+        if step.name in done_before and not gone_back:
+            guided.dialogue.say(f"== {title}: done before")
+        else:
+            try:
+                done = do_step(step, title, guided, daemon)
+            except Back:
+                number, gone_back = max(0, number - 1), True
+                continue
+            skipped = skipped - {step.name} if done else skipped | {step.name}
+        number, gone_back = number + 1, False
+    return [step.name for step in steps if step.name in skipped]
+
+
 def do_step(step: Step, title: str, guided: Setup, daemon: Daemon) -> bool:
-    """Do one step, again as long as the person wants; return whether it is done."""
-    choice = guided.dialogue.before(title, step.moves)
+    """Do one step, again as long as the person wants; return whether it is done. Raises `Back` to the one before."""
+    form = step.of_file is not None
+    choice = guided.dialogue.before(title, step.moves, form=form)
     failed = False
     while choice == "go":
         try:
             if failed and step.of_station is not None:
                 station_steps.recover(guided, daemon, HOMING)
             if step.of_file is not None:
-                step.of_file(guided)
+                guided.dialogue.fill_in(partial(step.of_file, guided))
             if step.of_station is not None:
                 step.of_station(guided, daemon)
             guided.dialogue.notes.note_done(step.name)
             return True
         except StepFailed as failure:
             failed = True
-            choice = guided.dialogue.after_failure(failure)
+            choice = guided.dialogue.after_failure(failure, form=form)
     if choice == "quit":
         raise Quit
     guided.dialogue.say("Skipped.")
@@ -131,6 +154,6 @@ def _farewell(guided: Setup, skipped: list[str]) -> None:
     say = guided.dialogue.say
     if skipped:
         say(f"\nSkipped: {', '.join(skipped)}. `reprobe setup -c {guided.file} --only NAME` does one of them.")
-    say(f"\nThe station is set up in {guided.file}. Start its daemon (`systemctl start reprobe`), then:")
-    for step in ("reprobe home", "reprobe align        for each board that is put in", "reprobe place TP7"):
+    say(f"\nThe station is set up in {guided.file}. Start its daemon (`systemctl start reprobe`), then type:")
+    for step in NEXT_STEPS:
         say(f"  {step}")

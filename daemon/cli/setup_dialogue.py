@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Literal, TypeVar
 
+from daemon.cli.formatting import as_commands
 from daemon.cli.output import out
 from daemon.tools.setup import Notes
 
@@ -25,11 +26,41 @@ class StepFailed(Exception):
         self.advice = advice
 
 
+class Back(Exception):
+    """The person goes back, to the question before or, from the first one, to the step before."""
+
+
+BACK = "<"
+
+
 class Dialogue:
     """Ask and tell on a terminal, or by lines of a pipe."""
 
     def __init__(self, notes: Notes) -> None:
         self.notes = notes
+        self._given: list[str] | None = None
+        """Answers in the form under way; None: there is none, and nothing to go back in."""
+        self._again: list[str] = []
+        """Answers that are given once more without being asked for."""
+
+    def fill_in(self, form: Callable[[], None]) -> None:
+        """Have a form's questions answered; who goes back by one sees the answers before it, and is asked that one.
+
+        The form is begun anew for that, so it may do nothing that must not be done twice. Raises `Back` from the first.
+        """
+        again: list[str] = []
+        while True:
+            self._given, self._again = [], again
+            try:
+                form()
+            except Back:
+                if not self._given:
+                    raise
+                again = self._given[:-1]
+            else:
+                return
+            finally:
+                self._given, self._again = None, []
 
     def say(self, text: str) -> None:
         """Print a text as it is."""
@@ -39,13 +70,15 @@ class Dialogue:
         """Ask until `check` takes the answer (else it raises ValueError); offer what was answered the last time."""
         offered = self.notes.answer(key) or default
         while True:
-            said = self._line(f"{question} [{offered}] > ") or offered
+            said = self._answer(f"{question} [{offered}] > ") or offered
             try:
                 value = check(said)
             except ValueError as exc:
+                self._again.clear()
                 self.say(f"  {exc}")
                 continue
             self.notes.note_answer(key, said)
+            self._keep(said)
             return value
 
     def choose(self, key: str, question: str, offered: Sequence[str]) -> str:
@@ -71,32 +104,51 @@ class Dialogue:
     def yes(self, question: str, *, default: bool = True) -> bool:
         """Ask for yes or no."""
         while True:
-            said = self._line(f"{question} [{'Y/n' if default else 'y/N'}] > ").lower()
+            said = self._answer(f"{question} [{'Y/n' if default else 'y/N'}] > ").lower()
             if said in ("", "y", "yes", "n", "no"):
+                self._keep(said)
                 return default if not said else said[0] == "y"
             self.say("  answer y or n")
 
-    def before(self, title: str, moves: str | None) -> Choice:
-        """Say what a step is and what it moves, and ask where something moves."""
+    def before(self, title: str, moves: str | None, *, form: bool = False) -> Choice:
+        """Say what a step is and what it moves, and ask where something moves; in a form it can be gone back."""
         self.say(f"\n== {title}")
         if moves is None:
-            self.say("Nothing moves.")
+            self.say(f"Nothing moves.{f' {BACK} as an answer goes back to the question before.' if form else ''}")
             return "go"
         self.say(f"THIS MOVES: {moves}")
         self.say("Keep the emergency stop at hand; Ctrl-C stops the head.")
         return self._choice("Enter: go on, s: skip this step, q: end here", "go")
 
-    def after_failure(self, failure: StepFailed) -> Choice:
-        """Tell why a step failed, and ask what now; `go` tries it again."""
-        self.say(f"This did not work: {failure}")
-        self.say(f"  -> {failure.advice}")
-        return self._choice("Enter: try again, s: skip this step, q: end here", "go")
+    def after_failure(self, failure: StepFailed, *, form: bool = False) -> Choice:
+        """Tell why a step failed, and ask what now; `go` tries it again. Raises `Back` to the step before a form."""
+        self.say(f"This did not work: {as_commands(str(failure))}")
+        self.say(f"  -> {as_commands(failure.advice)}")
+        back = f", {BACK}: the step before" if form else ""
+        return self._choice(f"Enter: try again, s: skip this step, q: end here{back}", "go", form=form)
 
-    def _choice(self, question: str, default: Choice) -> Choice:
+    def _choice(self, question: str, default: Choice, *, form: bool = False) -> Choice:
         answers: dict[str, Choice] = {"": default, "s": "skip", "q": "quit"}
         while (said := self._line(f"{question} > ").lower()) not in answers:
+            if form and said == BACK:
+                raise Back
             self.say("  press Enter, s or q")
         return answers[said]
+
+    def _answer(self, question: str) -> str:
+        """Return the next answer of a form; raise `Back` where the person goes back instead."""
+        if self._again:
+            said = self._again.pop(0)
+            self.say(f"{question}{said}")
+            return said
+        said = self._line(question)
+        if said == BACK and self._given is not None:
+            raise Back
+        return said
+
+    def _keep(self, said: str) -> None:
+        if self._given is not None:
+            self._given.append(said)
 
     def _line(self, question: str) -> str:
         out.print(question, markup=False, highlight=False, end="", soft_wrap=True)

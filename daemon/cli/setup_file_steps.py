@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from daemon.cli.setup_dialogue import Dialogue, StepFailed, number, text
-from daemon.config.model import BusSection, ConfigError, load_config, unlikely
+from daemon.config.model import ConfigError, load_config, unlikely
 from daemon.config.problems import told
+from daemon.config.sections.devices import BusSection
 from daemon.domain.board import Board
 from daemon.platform.atomic_file import replace_whole
 from daemon.tools.board_import import Options, import_board
@@ -23,6 +24,7 @@ from daemon.tools.setup import (
 )
 from daemon.tools.setup.edit import Value, example
 from drivers.errors import DeviceError
+from drivers.meter import parse_address
 
 AXES = ("x", "y", "z", "theta")
 HOMING = "17: negative limit, 18: positive limit, 19: home switch, positive side, 21: home switch, negative side"
@@ -193,6 +195,42 @@ def _side(said: str) -> str:
     if said not in ("top", "bottom"):
         raise ValueError("answer top or bottom")
     return said
+
+
+def meter(setup: Setup) -> None:
+    """Ask for the instrument that measures through the needle; a station may have none."""
+    say, now = setup.dialogue.say, read_value(setup.text(), "meter")
+    say("An instrument between needle and harness measures what the needle stands on. A station may be without one.")
+    if not setup.dialogue.yes("Is there one?", default=now is not None):
+        say("So your own tester measures: by `reprobe touch`, or over the wire by touch or probe (measure tester).")
+        say(f"`reprobe probe` and `reprobe run` need one; `reprobe setup -c {setup.file} --only meter` adds it.")
+        if now is not None:
+            say(f"{setup.file} still has one: delete its table [meter] there by hand.")
+        return
+    address = setup.dialogue.ask(
+        "meter.address", "Its address, host:port or a serial port", str((now or {}).get("address", "")), _meter_address
+    )
+    values: dict[str, Value] = {"meter.kind": "scpi", "meter.address": address}
+    say("If the needle has a second wire that only metal joins to the first, contact can be proved.")
+    proof = setup.dialogue.ask(
+        "meter.contact_channel", "Scanner channel of that wire, or none",
+        str((now or {}).get("contact_channel", "none")), _channel,
+    )  # fmt: skip
+    if proof is not None or "contact_channel" in (now or {}):
+        values["meter.contact_channel"] = proof
+    setup.write(values)
+    if not (now or {}).get("channels"):
+        say(f"Write into [meter] of {setup.file} the scanner channel of each net: channels = {{ CLK = 101 }}")
+    say(f"`reprobe doctor -c {setup.file}` asks whether it answers. A daemon that runs has to be restarted for it.")
+
+
+def _meter_address(said: str) -> str:
+    parse_address(said)
+    return said
+
+
+def _channel(said: str) -> int | None:
+    return None if said.lower() in ("none", "no", "-") else int(number(0, 1e6, "(a channel), or none")(said))
 
 
 def sockets(setup: Setup) -> None:

@@ -8,7 +8,6 @@ from typing import Any
 import typer
 
 from daemon.cli.click_page import kept_picture, write_click_page
-from daemon.cli.formatting import as_commands
 from daemon.cli.points import parse_point
 from daemon.cli.progress import run_with_bar
 from daemon.cli.setup_dialogue import StepFailed, number
@@ -81,7 +80,7 @@ class Daemon:
         except Refused as exc:
             if exc.error["name"] == "not_homed":
                 return False
-            raise StepFailed(exc.error["message"], as_commands(exc.error["advice"])) from exc
+            raise StepFailed(exc.error["message"], exc.error["advice"]) from exc
         except NoAnswer as exc:
             raise StepFailed(str(exc), "see that the daemon runs, then try again") from exc
         return True
@@ -93,11 +92,11 @@ class Daemon:
             with Client(self.endpoint, timeout_s=ASK_WITHIN_S) as client:
                 result = client.job(op, timeout_s=LONG_S, **fields)
         except Refused as exc:
-            raise StepFailed(exc.error["message"], as_commands(exc.error["advice"])) from exc
+            raise StepFailed(exc.error["message"], exc.error["advice"]) from exc
         except NoAnswer as exc:
             raise StepFailed(str(exc), "see that the daemon runs, then try again") from exc
         if result.error is not None:
-            raise StepFailed(result.error.message, as_commands(result.error.advice))
+            raise StepFailed(result.error.message, result.error.advice)
         return result
 
     def z_um(self) -> float:
@@ -109,7 +108,7 @@ class Daemon:
         """Do a job of minutes with a bar; what went wrong has been said when it raises `StepFailed`."""
         self.start()
         try:
-            run_with_bar(op, self.endpoint, as_json=False, **fields)
+            run_with_bar(op, self.endpoint, as_json=False, alone=False, **fields)
         except typer.Exit as exc:
             if exc.exit_code:
                 raise StepFailed(

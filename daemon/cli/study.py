@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import math
+import uuid
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from daemon.cli.config_file import ConfigFile, load
-from daemon.cli.formatting import as_commands
+from daemon.cli.interruption import taken_as_ctrl_c
 from daemon.cli.output import (
     DEFAULT_ENDPOINT,
     FAILED,
@@ -26,6 +28,7 @@ from daemon.cli.output import (
 )
 from daemon.client import Client, NoAnswer, Refused
 from daemon.domain.board import Board
+from daemon.platform.atomic_file import written_beside
 from daemon.platform.clock import utc_now
 from daemon.platform.plain_file import read_small
 from daemon.platform.subprocess import draw
@@ -36,6 +39,8 @@ if TYPE_CHECKING:
     from daemon.tools.report.study import Capability
 
 app = typer.Typer()
+Trouble = Refused | NoAnswer | KeyboardInterrupt
+"""What may end a study early."""
 PAGE_WITHIN_S = 120.0
 LEAST_LANDINGS = 10
 """As many make a study."""
@@ -66,7 +71,8 @@ def study(
     with own_settings():
         from daemon.tools.report.study import Study, capability, write_study  # noqa: PLC0415  # brings matplotlib
 
-        trouble: Refused | NoAnswer | None = None
+        _refuse_unwritable(output, Study)
+        trouble: Trouble | None = None
         try:
             if redraw is not None:
                 made = Study.model_validate_json(read_small(redraw))
@@ -88,6 +94,27 @@ def study(
         fail(f"only {done} of {times} landings are in it; the next one: {message}", advice=advice)
 
 
+def _refuse_unwritable(page: Path, study_of: type[BaseModel]) -> None:
+    """End before the first landing where page or numbers could not be written, or would replace what is no study."""
+    numbers = page.with_suffix(".json")
+    if page == numbers:
+        fail(f"{page} is where the numbers go", advice=f"name the page: -o {page.with_suffix('.html')}", code=USAGE)
+    for file in (page, numbers):
+        try:
+            if file.is_dir():
+                raise IsADirectoryError(errno.EISDIR, "it is a folder")
+            with written_beside(file, lambda _: None):
+                pass
+        except OSError as exc:
+            fail(f"{file} cannot be written: {exc.strerror}", advice="name another page with -o", code=USAGE)
+    try:
+        if numbers.exists():
+            study_of.model_validate_json(read_small(numbers))
+    except (OSError, ValidationError):
+        advice = "name another page with -o, or move that file away"
+        fail(f"{numbers} is there and holds no study: the numbers would replace it", advice=advice, code=USAGE)
+
+
 def _tell(found: dict[str, Capability], output: Path) -> None:
     for axis, one in found.items():
         out.print(
@@ -98,27 +125,25 @@ def _tell(found: dict[str, Capability], output: Path) -> None:
     out.print(f"written to {output}", highlight=False, markup=False, soft_wrap=True)
 
 
-def _landings(
-    endpoint: str, test_point: str, times: int, tolerance_um: float
-) -> tuple[dict[str, Any], Refused | NoAnswer | None]:
+def _landings(endpoint: str, test_point: str, times: int, tolerance_um: float) -> tuple[dict[str, Any], Trouble | None]:
     """Land again and again; return what the looks measured, and what ended it early.
 
-    What is enough for a study is not thrown away for a landing that fails; less than that is no study.
+    What is enough for a study is not thrown away for a landing that fails, or for Ctrl-C; less than that is no study.
     """
     dx_um: list[float] = []
     dy_um: list[float] = []
-    trouble: Refused | NoAnswer | None = None
-    with answered(), Client(endpoint) as client:
+    trouble: Trouble | None = None
+    with answered(), taken_as_ctrl_c(), Client(endpoint) as client:
         described = client.request("describe")
         points = {one["name"]: one for one in described["board"]["test_points"]}
         if test_point not in points:
             fail(f"the board has no test point {test_point}", advice="`reprobe describe` lists them", code=USAGE)
         away_um = [points[test_point]["x_um"] + AWAY_UM, points[test_point]["y_um"]]
         for number in range(1, times + 1):
-            err.print(f"landing {number} of {times}", highlight=False)
             try:
-                looked = _land(client, test_point, away_um)
-            except (Refused, NoAnswer) as exc:
+                err.print(f"landing {number} of {times}", highlight=False)
+                looked = _land(client, endpoint, test_point, away_um)
+            except (Refused, NoAnswer, KeyboardInterrupt) as exc:
                 trouble = exc
                 if len(dx_um) >= LEAST_LANDINGS:
                     break
@@ -130,22 +155,43 @@ def _landings(
     return {**said, "tolerance_um": tolerance_um, "dx_um": dx_um, "dy_um": dy_um}, trouble
 
 
-def _land(client: Client, test_point: str, away_um: list[float]) -> dict[str, Any]:
-    """Leave the point and land on it again; return what the look said. Raises `Refused`, also for what failed."""
+def _land(client: Client, endpoint: str, test_point: str, away_um: list[float]) -> dict[str, Any]:
+    """Leave the point and land on it again; return what the look said. Raises `Refused`, also for what failed.
+
+    Ctrl-C cancels the job, so that the head stops.
+    """
     looked: dict[str, Any] = {}
     there = {"test_point": test_point}
     for op, fields in (("place", {"board_um": away_um}), ("place", there), ("correct", there), ("look", there)):
-        result = client.job(op, **fields)
+        job_id = f"study-{uuid.uuid4().hex[:12]}"
+        try:
+            result = client.job(op, job_id=job_id, **fields)
+        except KeyboardInterrupt:
+            _cancel(endpoint, job_id)
+            raise
         if result.error is not None:
             raise Refused(result.error.model_dump())
         looked = result.detail
     return looked
 
 
-def _in_words(trouble: Refused | NoAnswer) -> tuple[str, str]:
+def _cancel(endpoint: str, job_id: str) -> None:
+    """Cancel a job by a connection of its own: the other one waits for the job's answer."""
+    try:
+        with Client(endpoint) as another:
+            another.request("cancel", id=job_id)
+    except Refused:
+        return  # it has ended
+    except NoAnswer:
+        err.print("[red]the daemon does not answer; the job goes on[/]")
+
+
+def _in_words(trouble: Trouble) -> tuple[str, str]:
     """Return what happened, and what to do."""
+    if isinstance(trouble, KeyboardInterrupt):
+        return "it was interrupted", f"let it go on to its end, or ask for fewer --times ({LEAST_LANDINGS} at least)"
     if isinstance(trouble, Refused):
-        return str(trouble.error["message"]), as_commands(str(trouble.error["advice"]))
+        return str(trouble.error["message"]), str(trouble.error["advice"])
     return str(trouble), "see that the daemon runs: `reprobe status`"
 
 

@@ -8,8 +8,8 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from daemon.cli.formatting import as_commands, calibrated, in_words, sentence
-from daemon.cli.output import DEFAULT_ENDPOINT, USAGE, AsJson, Endpoint, answered, err, fail, out, say_json
+from daemon.cli.formatting import as_commands, calibrated, doubts, in_words, sentence
+from daemon.cli.output import DEFAULT_ENDPOINT, USAGE, AsJson, Endpoint, answered, err, fail, out, say_cure, say_json
 from daemon.cli.points import point_option
 from daemon.client import Client, Refused
 from daemon.domain.results import JobResult
@@ -108,8 +108,8 @@ def reset(endpoint: Endpoint = DEFAULT_ENDPOINT, as_json: AsJson = False) -> Non
         say_json(reply)
     elif "reset" in reply:
         left = reply["fault"]
-        out.print(f"[green]reset[/]: {escape(left['message'])}", highlight=False, soft_wrap=True)
-        out.print(f"  [dim]->[/] {escape(as_commands(left['advice']))}", highlight=False, soft_wrap=True)
+        out.print(f"[green]reset[/]: {escape(as_commands(left['message']))}", highlight=False, soft_wrap=True)
+        say_cure(left["advice"])
     else:
         tell(reply)
 
@@ -136,11 +136,14 @@ def show(result: JobResult, *, as_json: bool) -> None:
         say_json(result.model_dump(mode="json"))
     else:
         out.print(sentence(result), highlight=False)
+        for doubt, advice in doubts(result.detail) if result.ok else ():
+            out.print(f"  [yellow]{escape(doubt)}[/]", highlight=False, soft_wrap=True)
+            say_cure(advice)
         _print_timing(result)
         if result.pictures:
             out.print(f"pictures: {result.pictures}", highlight=False, soft_wrap=True)
         if result.error is not None:
-            out.print(f"  [dim]->[/] {escape(as_commands(result.error.advice))}", highlight=False, soft_wrap=True)
+            say_cure(result.error.advice)
     if not result.ok:
         raise typer.Exit(1)
 
@@ -165,8 +168,9 @@ def ask(op: str, endpoint: str, *, as_json: bool, **fields: Any) -> None:
 
 def tell_fault(fault: dict[str, Any]) -> None:
     """Show a fault that stands, with what to do."""
-    out.print(f"[bold red]fault[/]: {fault['name']}: {escape(fault['message'])}", highlight=False, soft_wrap=True)
-    out.print(f"  [dim]->[/] {escape(as_commands(fault['advice']))}", highlight=False, soft_wrap=True)
+    why = escape(as_commands(fault["message"]))
+    out.print(f"[bold red]fault[/]: {fault['name']}: {why}", highlight=False, soft_wrap=True)
+    say_cure(fault["advice"])
 
 
 def tell(reply: dict[str, Any]) -> None:
@@ -177,6 +181,7 @@ def tell(reply: dict[str, Any]) -> None:
         elif key == "calibration":
             out.print(f"[bold]calibrated[/]: {calibrated(value)}", highlight=False, soft_wrap=True)
         elif key not in ("v", "ok", "version", "last_result"):
-            out.print(f"[bold]{key.replace('_', ' ')}[/]: {escape(in_words(value))}", highlight=False, soft_wrap=True)
+            told = escape(as_commands(in_words(value)))
+            out.print(f"[bold]{key.replace('_', ' ')}[/]: {told}", highlight=False, soft_wrap=True)
     if reply.get("last_result"):
         out.print(f"[bold]last result[/]: {sentence(JobResult.model_validate(reply['last_result']))}", highlight=False)

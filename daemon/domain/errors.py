@@ -175,7 +175,9 @@ class FaultCode(Enum):
     NOT_HOMED = _Kind(5101, "the axes are not homed", "send `home`", latched=True, cured_by=frozenset({"home"}))
     OUTSIDE_ENVELOPE = _Kind(5102, "the target lies outside the envelope", "choose another head angle or test point")
     NOT_CALIBRATED = _Kind(
-        5103, "there is no valid calibration", "`calibrate` what the message names: the tip first, then the map"
+        5103,
+        "there is no valid calibration",
+        "make what the message names: `calibrate tip`, then `calibrate map`",
     )
     LIMIT_HIT = _Kind(5104, "a limit switch was hit", "free the axis, then `reset` and `home`", latched=True)
     EMERGENCY_STOP = _Kind(

@@ -9,7 +9,9 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Protocol, TypeVar
 
-from daemon.config.model import CameraSection, Config, GantrySection, ServoSection
+from daemon.config.model import Config
+from daemon.config.sections.devices import CameraSection
+from daemon.config.sections.motion import GantrySection, ServoSection
 from daemon.domain.board import Board
 from daemon.domain.board_run import BoardRun, RunState, RunSummary
 from daemon.domain.contact import ContactFacts

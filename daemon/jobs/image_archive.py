@@ -20,6 +20,7 @@ import structlog
 from daemon.domain.point_test import PointRecord, PointVerdict
 from daemon.domain.results import JobResult
 from daemon.jobs.context import JobContext, PointLooks
+from daemon.platform.finite_json import to_json
 from daemon.platform.plain_file import read_small
 from daemon.station.board_view import BoardSeen
 from daemon.station.station import LookResult
@@ -74,7 +75,7 @@ class ImageArchive:
         """Write the pictures of one point, as those of a job."""
         numbers = {"id": point_pictures_id(job_id, record.point), **record.model_dump(mode="json")}
         before, after = looks
-        await self._keep(folder, {"before": before, "after": after}, json.dumps(numbers, indent=1))
+        await self._keep(folder, {"before": before, "after": after}, to_json(numbers, indent=1))
 
     async def _keep(self, folder: Path, looks: dict[str, LookResult | None], numbers: str) -> None:
         wanted = {name: look for name, look in looks.items() if look is not None}

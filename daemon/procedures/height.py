@@ -139,7 +139,7 @@ async def lift_off_metal(
         raise Fault(
             FaultCode.WRONG_HEIGHT,
             "the needle felt metal where it should hover, and was lifted off it",
-            advice="see that this board lies flat in its nest; then `calibrate` its surface",
+            advice="see that this board lies flat in its nest, then `calibrate surface`",
         )
     if back:
         await go(here)

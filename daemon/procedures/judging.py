@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
-from daemon.config.model import LadderSection
+from daemon.config.sections.touching import LadderSection
 from daemon.domain.point_test import UNIT_OF_METHOD, Limits, PointTest, PointUnit
 from daemon.station.needle_health import Tare
 

@@ -12,7 +12,7 @@ import time
 from collections.abc import Sequence
 from statistics import median
 
-from daemon.config.model import MeterSection
+from daemon.config.sections.meter import MeterSection
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.point_test import UNIT_OF_METHOD, PointTest
 from daemon.jobs.context import JobContext, StationContext
@@ -37,7 +37,7 @@ class MeterReadings:
             raise Fault(
                 FaultCode.METER_FAILED,
                 "this station has no measuring instrument",
-                advice='configure [meter], or send "measure": "tester" and measure yourself',
+                advice='`reprobe setup --only meter` asks for one; or send "measure": "tester", and measure yourself',
             )
         self._job, self._context = job, context
         self._section: MeterSection = section

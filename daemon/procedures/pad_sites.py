@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from daemon.config.model import ServoSection
+from daemon.config.sections.motion import ServoSection
 from daemon.domain.board import BoardPoint
 
 MARGIN_UM, LEAST_SHIFT_UM = 20.0, 40.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from dataclasses import dataclass, field, replace
 
-from daemon.config.model import TouchSection
+from daemon.config.sections.touching import TouchSection
 from daemon.domain.contact import ContactFacts
 from daemon.domain.point_test import PadWear, Rung
 from daemon.jobs.context import JobContext, StationContext

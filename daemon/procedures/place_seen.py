@@ -25,16 +25,18 @@ async def confirm_place(
 ) -> dict[str, Any]:
     """Look and return for the answer what was seen; where nothing can be, for want of a probe or a valid map, why.
 
-    {} where nothing is to be seen: a place that is no point, or a board without layers.
+    {} where nothing is to be seen: a place that is no point, or with all that is needed a board without layers.
     What the picture left open and the verified seat decided confirms nothing: the seat goes by the drives' count.
     Raises `Fault` for what lies there instead of the place: another board, one that is turned or moved, or none.
     """
-    if point is None or not context.by_cad:
+    if point is None:
         return {}
     try:
         probe, pose_map = context.calibrations.require_probe(), context.require_map()
     except Fault as missing:
         return _unconfirmed(missing)
+    if not context.by_cad:
+        return {}
     search = await board_search(context, position, point, pose_map, alone=True)
     look = await look_by_cad(job, context, position, probe, search, by_seat=True)
     job.note("look", describe(look, None, None))
@@ -70,7 +72,7 @@ def _beside(context: StationContext, point: BoardPoint, beside_um: float) -> Fau
 
 def _unconfirmed(why: Fault) -> dict[str, Any]:
     """Return what the answer says beside that the drives alone vouch for the place."""
-    return {"unconfirmed": {"name": why.kind.wire_name, "message": why.message}}
+    return {"unconfirmed": {"name": why.kind.wire_name, "message": why.message, "advice": why.advice}}
 
 
 def _too_little(unseen: Fault) -> bool:

@@ -234,8 +234,7 @@ class PointUnderTest:
         geometry = self.context.geometry
         height_um = geometry.measured_um(geometry.tip_um(at))
         if height_um is None:
-            why = f"the surface of this board was not measured at {self.test.point}"
-            raise Fault(FaultCode.SURFACE_UNKNOWN, why)
+            raise geometry.unmeasured(self.test.point)
         metal_um = height_um + (self.point.stands_um or 0.0)
         return Ground(self.context.require_map(), self.context.gantry.touch_z_um + metal_um)
 

@@ -45,8 +45,7 @@ async def admit_probing(job: JobContext, context: StationContext, board_id: str 
     await require_board(context, board_id)
     context.calibrations.require_probe()
     context.require_map()
-    if context.calibrations.surface is None:
-        raise Fault(FaultCode.SURFACE_UNKNOWN)
+    context.geometry.require_surface()
     if not tester or context.station.meter is not None:
         meter = MeterReadings(job, context)
         await meter.check()

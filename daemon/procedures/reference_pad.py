@@ -10,7 +10,7 @@ import asyncio
 import math
 from dataclasses import replace
 
-from daemon.config.model import BrushSection, ReferenceSection
+from daemon.config.sections.touching import BrushSection, ReferenceSection
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.states import Event
 from daemon.jobs.context import JobContext, StationContext

@@ -109,7 +109,7 @@ def _refuse_insert(plan: Plan) -> None:
     if held:
         raise Fault(
             FaultCode.INVALID_PLAN, f"{', '.join(held[:5])}: method insert waits for the tester, and a run for nobody",
-            advice="test these points one by one, by `probe` with measure tester",
+            advice='test these points one by one, by the wire: a probe with "measure": "tester"',
         )  # fmt: skip
 
 

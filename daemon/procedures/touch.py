@@ -95,7 +95,7 @@ async def _admit(job: JobContext, context: StationContext, request: Touch) -> _A
     await pad.require(context.config.touch, seen=seen)
     height_um = context.geometry.measured_um(context.geometry.tip_um(here))
     if height_um is None:
-        raise Fault(FaultCode.SURFACE_UNKNOWN, f"the surface of this board was not measured at {point.name}")
+        raise context.geometry.unmeasured(point.name)
     surface_z_um = context.gantry.touch_z_um + height_um + (point.stands_um or 0.0)
     context.station.check(replace(here, z_um=surface_z_um - press_um))
     return _Admitted(Ground(pose_map, surface_z_um), press_um, here, pad)

@@ -77,6 +77,6 @@ async def come_near(job: JobContext, context: StationContext, above: Position, g
         raise Fault(
             FaultCode.WRONG_HEIGHT,
             f"the touch sense feels metal {EARLY_UM:g} um above the measured surface",
-            advice="see what stands there; does the board lie flat in its nest? Then `calibrate` its surface",
+            advice="see what stands there; does the board lie flat in its nest? Then `calibrate surface`",
             above_um=EARLY_UM,
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from daemon.config.model import TouchSection
+from daemon.config.sections.touching import TouchSection
 from daemon.domain.board import Board
 from daemon.domain.errors import Fault, FaultCode
 from daemon.jobs.context import StationContext, TouchBook

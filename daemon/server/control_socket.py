@@ -16,7 +16,7 @@ from typing import Any, Protocol
 import structlog
 import zmq
 
-from daemon.config.model import ApiSection
+from daemon.config.sections.service import ApiSection
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.results import ErrorBody
 from daemon.domain.roles import Caller

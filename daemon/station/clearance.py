@@ -14,7 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from daemon.config.model import ClearanceSection, Config
+from daemon.config.model import Config
+from daemon.config.sections.motion import ClearanceSection
 from daemon.domain.board import Board
 from daemon.station.board_trust import BoardTrust
 from daemon.station.clearance_map import ClearanceMap

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from daemon.config.model import ClearanceSection
+from daemon.config.sections.motion import ClearanceSection
 from daemon.domain.board import Board, BoardPoint
 from daemon.domain.board_layers import SideShapes, as_points
 from daemon.station.board_obstacles import hole_outline

@@ -7,15 +7,9 @@ from contextlib import AsyncExitStack
 
 import structlog
 
-from daemon.config.model import (
-    AxisSection,
-    BusSection,
-    CameraSection,
-    Config,
-    LightsSection,
-    MeterMethodSection,
-    MeterSection,
-)
+from daemon.config.model import Config
+from daemon.config.sections.devices import AxisSection, BusSection, CameraSection, LightsSection
+from daemon.config.sections.meter import MeterMethodSection, MeterSection
 from daemon.platform.beside import beside
 from drivers.bus import Line, ModbusBus, OdAddressing, SerialLine, TcpLine
 from drivers.camera import Camera, CameraConfig, StreamCamera, V4L2Camera

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from daemon.config.model import Config
 from daemon.domain.board import Board
+from daemon.domain.errors import Fault, FaultCode
 from daemon.station.board_trust import BoardTrust
 from daemon.station.outline_distance import near
 from daemon.station.raised_pads import RaisedPads
@@ -122,14 +123,45 @@ class Geometry:
         A surface older than the board's alignment was measured on the board before, and so was any while a board lies
         there that has not been aligned.
         """
-        record = self._calibrations.records.get("surface")
-        if not isinstance(record, SurfaceRecord) or self._calibrations.surface is None:
-            return None
-        in_force, laid_in = self._calibrations.in_force, self._calibrations.alignment(self._board)
-        if in_force.void is not None or (laid_in is not None and record.made_at < laid_in.made_at):
+        record = self._surface_of_this_board()
+        if isinstance(record, Fault):
             return None
         touched = np.array([(touch.x_um, touch.y_um) for touch in record.touches])
         return self.height_um(robot_um) if float(beyond_um(robot_um, touched)) <= EXTRAPOLATED_UM else None
+
+    def require_surface(self) -> None:
+        """Raise `Fault` where this board's height is known nowhere."""
+        record = self._surface_of_this_board()
+        if isinstance(record, Fault):
+            raise record
+
+    def unmeasured(self, point: str) -> Fault:
+        """Return why the height at a point is not known: that of the whole board is not, or the point lies too far."""
+        record = self._surface_of_this_board()
+        if isinstance(record, Fault):
+            return record
+        return Fault(FaultCode.SURFACE_UNKNOWN, f"the surface of this board was not measured at {point}")
+
+    def _surface_of_this_board(self) -> SurfaceRecord | Fault:
+        """Return the surface that was measured of the board in the nest, or why there is none."""
+        record = self._calibrations.records.get("surface")
+        if not isinstance(record, SurfaceRecord) or self._calibrations.surface is None:
+            return Fault(FaultCode.SURFACE_UNKNOWN)
+        in_force, laid_in = self._calibrations.in_force, self._calibrations.alignment(self._board)
+        if in_force.void is not None:
+            return Fault(
+                FaultCode.SURFACE_UNKNOWN,
+                f"no board has been aligned since the surface was measured: {in_force.void}",
+                advice="`align` the board in the nest, then `calibrate surface`",
+            )
+        if laid_in is not None and record.made_at < laid_in.made_at:
+            measured_at, aligned_at = record.made_at[:19], laid_in.made_at[:19]
+            return Fault(
+                FaultCode.SURFACE_UNKNOWN,
+                f"the surface was measured at {measured_at} UTC, before this board was aligned at {aligned_at}: "
+                "it may be that of another board",
+            )
+        return record
 
     def stands_um(self, robot_um: ArrayLike) -> float:
         """Return how high a pad about a place stands above the board's surface; 0 where none is known to."""

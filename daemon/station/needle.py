@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable
 from enum import Enum
 
-from daemon.config.model import GantrySection
+from daemon.config.sections.motion import GantrySection
 from daemon.domain.errors import Fault, FaultCode
 from daemon.station.board_trust import BoardTrust
 from daemon.station.free_pin import FreePin

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.config.model import AxisSection, Config
+from daemon.config.model import Config
+from daemon.config.sections.devices import AxisSection
 from daemon.domain.board import Board, BoardPoint
 from vision.geometry import Array
 

@@ -11,7 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from daemon.config.model import AxisSection, Config
+from daemon.config.model import Config
+from daemon.config.sections.devices import AxisSection
 from drivers.gantry import Position
 from drivers.gantry.contract import axis_theta_deg
 from vision.geometry import Array

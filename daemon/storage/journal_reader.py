@@ -16,6 +16,7 @@ from typing import Any, Self
 
 from daemon.domain.board_run import BoardRun
 from daemon.domain.point_test import PointRecord
+from daemon.platform.finite_json import to_json
 from daemon.storage.journal_schema import SCHEMA_VERSION
 from daemon.storage.run_journal import find_run
 
@@ -121,7 +122,7 @@ class JournalReader:
         """Return all there is of a job as one line of JSON: request, result and every look and move."""
         steps = [vars(step) for step in self.steps(row.id)]
         whole = {"id": row.id, "op": row.op, "received_at": row.received_at, "request": row.request}
-        return json.dumps({**whole, "result": row.result, "steps": steps})
+        return to_json({**whole, "result": row.result, "steps": steps})
 
     def alerts(self) -> Iterator[dict[str, Any]]:
         """Yield alerts in their order."""

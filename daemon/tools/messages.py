@@ -44,9 +44,9 @@ class Said:
 
 def page() -> str:
     """Return the whole page."""
-    faults, devices, commands = _by_kind(_faults()), _by_kind(_raised()), _by_kind(_failed())
+    jobs, devices, commands = _by_kind(faults()), _by_kind(_raised()), _by_kind(_failed())
     parts = [INTRO, "## What a job or a request ends with\n"]
-    parts += [_fault(kind, faults[kind.name], devices) for kind in FaultCode]
+    parts += [_fault(kind, jobs[kind.name], devices) for kind in FaultCode]
     parts += ["## Alerts of maintenance\n", "`reprobe health` shows them with their evidence.\n", _alerts()]
     parts += ["## What a command refuses\n", *(_command(name, said) for name, said in sorted(commands.items()))]
     return "\n".join(parts)
@@ -55,7 +55,8 @@ def page() -> str:
 # --- what is said -------------------------------------------------------------------------------------------------
 
 
-def _faults() -> Iterator[Said]:
+def faults() -> Iterator[Said]:
+    """Yield what jobs and requests end with."""
     for call in _calls("daemon", "Fault"):
         if call.node.args and isinstance(call.node.args[0], ast.Attribute):
             yield from call.said(call.node.args[0].attr, 1)

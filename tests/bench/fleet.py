@@ -200,7 +200,10 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3])
     told = parser.parse_args()
     if lacking := missing():
-        print(f"not installed: {', '.join(lacking)}\n  -> apt install {' '.join(lacking)}", file=sys.stderr)
+        print(
+            f"not installed: {', '.join(lacking)}\n  -> apt-get update && apt-get install -y {' '.join(lacking)}",
+            file=sys.stderr,
+        )
         return 2
     good = True
     for number, seed in enumerate(told.seeds):

@@ -254,7 +254,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     told = parser.parse_args(arguments)
     told.slack = 2 * told.rate  # what was written in two seconds is on its way
     if lacking := missing():
-        print(f"not installed: {', '.join(lacking)}\n  -> apt install {' '.join(lacking)}", file=sys.stderr)
+        print(
+            f"not installed: {', '.join(lacking)}\n  -> apt-get update && apt-get install -y {' '.join(lacking)}",
+            file=sys.stderr,
+        )
         return 2
     set_up(as_json=True)
     with tempfile.TemporaryDirectory(prefix="reprobe-fleet-") as scratch:

@@ -40,7 +40,7 @@ def test_what_is_not_installed_is_told_with_what_brings_it(
 ) -> None:
     monkeypatch.setenv("PATH", "")
     assert main([]) == 2
-    assert "apt install" in capsys.readouterr().err
+    assert "apt-get install -y" in capsys.readouterr().err
 
 
 def test_fewer_boards_than_can_be_judged_are_refused(capsys: pytest.CaptureFixture[str]) -> None:

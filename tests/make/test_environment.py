@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -37,10 +38,18 @@ def _made(folder: Path, python: Path | str) -> subprocess.CompletedProcess[str]:
     )  # fmt: skip
 
 
+def _typed(said: str) -> str:
+    """Return the line that is to be typed, which a shell takes as it stands."""
+    (typed,) = re.findall(r"-> type: (.*)", said)
+    read = subprocess.run(["/bin/sh", "-n", "-c", typed], capture_output=True, text=True, check=False)
+    assert read.returncode == 0, read.stderr
+    return str(typed)
+
+
 def test_a_python_that_is_too_old_is_named_with_the_command_that_brings_another(tmp_path: Path) -> None:
     made = _made(tmp_path, _script(tmp_path / "python3", TOO_OLD))
     assert made.returncode == 1
-    assert "needs Python 3.11 or newer; found is Python 3.10.9" in made.stderr
+    assert "needs Python 3.11 to 3.13; found is Python 3.10.9" in made.stderr
     assert "apt-get install -y python3.11" in made.stderr
     assert not (tmp_path / "venv").exists()
 
@@ -51,6 +60,31 @@ def test_without_ensurepip_the_package_is_named_and_nothing_half_made_is_left(tm
     version = ".".join(str(part) for part in sys.version_info[:2])
     assert f"apt-get install -y python{version}-venv" in made.stderr
     assert not (tmp_path / "venv").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "packages"),
+    [
+        ("absent", None, "python3-venv"), ("python3", TOO_OLD, "python3.11 python3.11-venv"),
+        ("python3", TOO_OLD.replace("3.10.9", "3.14.0"), "python3.13 python3.13-venv"),
+    ],
+)  # fmt: skip
+def test_what_brings_another_python_is_pasted_as_it_stands(
+    tmp_path: Path, name: str, text: str | None, packages: str
+) -> None:
+    python = tmp_path / name if text is None else _script(tmp_path / name, text)
+    typed = _typed(_made(tmp_path, python).stderr)
+    assert re.sub("sudo ", "", typed) == f"apt-get update && apt-get install -y {packages}"
+
+
+def test_the_systems_own_python_lacks_the_package_that_the_readme_names(tmp_path: Path) -> None:
+    _script(tmp_path / "python3", NO_ENSUREPIP)
+    made = subprocess.run(
+        ["/bin/sh", str(MAKE_ENVIRONMENT), str(tmp_path / "venv")],
+        env={"PATH": f"{tmp_path}:{os.environ['PATH']}"}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert _typed(made.stderr).endswith("apt-get install -y python3-venv")
+    assert "apt-get update && apt-get install -y python3-venv" in (ROOT / "README.md").read_text()
 
 
 @pytest.mark.parametrize("left", ["an empty folder", "a Python that is gone", "no pip"])
@@ -72,13 +106,35 @@ def test_what_was_left_half_made_is_made_anew(tmp_path: Path, left: str) -> None
     assert (again.returncode, again.stdout) == (0, ""), "a good one is left alone"
 
 
-@pytest.mark.parametrize(("trouble", "told"), [(NO_INDEX, "no network"), (NOT_TRUSTED, "export PIP_CERT=")])
+@pytest.mark.parametrize(
+    ("trouble", "told"),
+    [
+        (NO_INDEX, "look at cable, name server and proxy first"), (NOT_TRUSTED, "export PIP_CERT="),
+        (NO_INDEX.replace("NewConnectionError", "No space left"), "df -h"), (TOO_OLD, "make clean"),
+    ],
+)  # fmt: skip
 def test_an_index_that_cannot_be_reached_is_told_with_what_to_do(tmp_path: Path, trouble: str, told: str) -> None:
     pip = _script(tmp_path / "python", trouble)
     said = subprocess.run(["/bin/sh", str(INSTALL), str(pip), "-r", "x"], capture_output=True, text=True, check=False)
     assert said.returncode == 1
     assert told in said.stderr
-    assert "-> type:" in said.stderr
+    assert _typed(said.stderr)
+
+
+def test_while_pip_is_silent_a_line_says_that_it_goes_on(tmp_path: Path) -> None:
+    """Minutes without a word look like a hang."""
+    waits = f"#!/bin/sh\necho Collecting numpy\nwhile [ ! -e {tmp_path}/seen ]; do sleep 0.05; done\n"
+    pip = _script(tmp_path / "python", f"{waits}echo Successfully installed numpy\n")
+    with subprocess.Popen(
+        ["/bin/sh", str(INSTALL), str(pip), "-r", "x"], stdout=subprocess.PIPE, text=True,
+        env={**os.environ, "EVERY_S": "0.1"},
+    ) as installing:  # fmt: skip
+        assert installing.stdout is not None
+        told = next(line for line in installing.stdout if "Collecting numpy" in line)
+        (tmp_path / "seen").touch()
+        *_, last = installing.stdout
+    assert told.startswith("make: pip goes on, ")
+    assert (last, installing.returncode) == ("Successfully installed numpy\n", 0)
 
 
 @pytest.mark.parametrize("lacking", ["", "3.12 aarch64", "3.13 x86_64"])

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from daemon.config.model import ServoSection
+from daemon.config.sections.motion import ServoSection
 
 NETS = 21
 TOLERANCE_UM = ServoSection().tolerance_um

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from daemon.config.model import MeterSection
+from daemon.config.sections.meter import MeterSection
 from daemon.station.devices import meter_settings
 from daemon.tools.demo.processes import DemoBench, Process
 from drivers.deadline import Deadline

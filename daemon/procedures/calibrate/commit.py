@@ -21,6 +21,7 @@ from daemon.platform.oldest import drop_oldest
 from daemon.platform.subprocess import draw
 from daemon.station.conditions import conditions_of
 from daemon.storage.calibration_history import stamp
+from daemon.storage.calibration_in_force import OF_THE_PROBE, InForce
 from daemon.storage.calibration_records import Record
 from vision import ProbeModel
 
@@ -28,6 +29,10 @@ PAGE_WITHIN_S = 60.0
 PAGES_KEPT, PAGES_BYTES = 50, 200_000_000
 """Of each kind; any page is drawn again from its record by `reprobe calibrate page`."""
 NICER = 10
+AFTER_THE_TIP = {
+    "map": "calibrate map", "rotation": "calibrate rotation", "alignment": "align", "surface": "calibrate surface",
+}  # fmt: skip
+"""Kind of a calibration -> the operation that makes it, in the order in which they follow a taught tip."""
 _T = TypeVar("_T")
 _R = TypeVar("_R")
 log = structlog.get_logger(__name__)
@@ -84,14 +89,26 @@ async def keep(job: JobContext, context: StationContext, record: Record) -> dict
 
 
 async def keep_probe(job: JobContext, context: StationContext, model: ProbeModel) -> dict[str, object]:
-    """Put a taught probe on disk and in force; return what to answer. Raises `Fault` if it cannot be kept."""
+    """Put a taught probe on disk and in force; return what to answer: with it what is void now, and what comes next.
+
+    Raises `Fault` if it cannot be kept.
+    """
     before = context.calibrations.in_force
     try:
         await on_disk(context.calibrations.store_probe, model)
     finally:
         if context.calibrations.in_force is not before:
             _tell_new(job, context, "tip")
-    return _in_force(context, "tip", "new")
+            job.partial.detail |= _undone(before, context.calibrations.in_force)
+    return _in_force(context, "tip", "new") | _undone(before, context.calibrations.in_force)
+
+
+def _undone(before: InForce, now: InForce) -> dict[str, object]:
+    """Return what a new probe has made void, and the operations that a station still needs, in their order."""
+    return {
+        "void": [what for what in OF_THE_PROBE if what in before.records and what not in now.records],
+        "next": [op for what, op in AFTER_THE_TIP.items() if what not in now.records],
+    }
 
 
 async def on_disk(write: Callable[[_T], _R], what: _T) -> _R:

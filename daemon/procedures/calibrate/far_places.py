@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import math
 
-from daemon.config.model import ClearanceSection
+from daemon.config.sections.motion import ClearanceSection
 from daemon.jobs.context import StationContext
 from daemon.procedures.move_sequence import shifted
 from drivers.errors import EnvelopeViolation

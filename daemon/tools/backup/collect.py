@@ -118,7 +118,7 @@ def _copy_journal(source: Path, target: Path) -> int | None:
     except sqlite3.Error as exc:
         raise BackupError(
             f"the journal {source} cannot be copied: {exc}",
-            "`reprobe doctor` says what is wrong with it; `reset` moves a damaged one aside",
+            "`reprobe doctor` says what is wrong with it; `reprobe reset` moves a damaged one aside",
         ) from exc
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from daemon.config.model import MeterSection
+from daemon.config.sections.meter import MeterSection
 from daemon.station.devices import open_meter
 from daemon.tools.doctor.findings import CheckResults
 from drivers.deadline import Deadline

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Literal
 
-from daemon.config.model import BusSection, Config
+from daemon.config.model import Config
+from daemon.config.sections.devices import BusSection
 from daemon.station.devices import bus_line
 from daemon.tools.doctor.findings import CheckResults
 from drivers.bus import Line, ModbusBus, SerialLine

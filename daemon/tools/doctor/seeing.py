@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from daemon.config.model import CameraSection
+from daemon.config.sections.devices import CameraSection
 from daemon.tools.doctor.findings import CheckResults
 from drivers.camera import Camera, Frame
 from drivers.deadline import Deadline

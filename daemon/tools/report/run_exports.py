@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import re
 from collections.abc import Iterator
 from datetime import UTC, datetime
@@ -12,6 +11,7 @@ from typing import Any, Final
 from xml.etree import ElementTree as ET
 
 from daemon.domain.point_test import PointVerdict
+from daemon.platform.finite_json import to_json
 from daemon.platform.spreadsheet import plain_cell
 from daemon.tools.report.run_facts import RunReport, Tested
 
@@ -65,7 +65,7 @@ def to_json_lines(report: RunReport) -> str:
         "plan_hash": run.plan_hash, "station": run.station, "software": run.software, "calibrated": run.calibrated,
     }  # fmt: skip
     records = [tested.record for tested in report.tested if tested.record is not None]
-    return "".join(json.dumps(record.model_dump(mode="json") | whole) + "\n" for record in records)
+    return "".join(to_json(record.model_dump(mode="json") | whole) + "\n" for record in records)
 
 
 def to_junit(report: RunReport) -> str:

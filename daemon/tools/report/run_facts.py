@@ -132,13 +132,24 @@ def report_of(run: BoardRun, records: Sequence[PointRecord]) -> RunReport:
     return RunReport(run, figures, tested)
 
 
+class NoRun(LookupError):
+    """There is no such run; the message says which there are, `advice` what to do."""
+
+    def __init__(self, message: str, advice: str) -> None:
+        super().__init__(message)
+        self.advice = advice
+
+
 def read_run(journal: Path, run_id: str) -> RunReport:
-    """Read a run out of the journal; raise `NoJournal`, or LookupError where there is no such run."""
+    """Read a run out of the journal; raise `NoJournal`, or `NoRun` where there is no such run."""
     with JournalReader(journal) as reader:
         run = reader.run(run_id)
         if run is None:
-            known = ", ".join(reader.run_ids(5)) or "none yet"
-            raise LookupError(f"no run {run_id!r} is in the journal; the newest are {known}")
+            known = ", ".join(reader.run_ids(5))
+            if not known:
+                none_yet = f"no board has been tested yet: no run is in {journal}"
+                raise NoRun(none_yet, "test one first: `reprobe run PLAN --board-id ID`")
+            raise NoRun(f"no run {run_id!r} is in the journal; the newest are {known}", "name one of these, or `last`")
         return report_of(run, list(reader.points(run.id)))
 
 

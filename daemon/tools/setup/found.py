@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from daemon.config.model import BusSection
+from daemon.config.sections.devices import BusSection
 from daemon.tools.doctor.findings import CheckResults
 from daemon.tools.doctor.scan import ADDRESSES, THOUGHT_S, scan_line, settings_of
 from drivers.bus import Line, ModbusBus, SerialLine

@@ -57,7 +57,7 @@ class Place(JobRequest):
     the pad stands, `pad_height` (`unknown`) of a soldered one of which it does not, and `parallax_um`, how far aside a
     look may see a pad whose height is unknown; `confirmed_by`: `picture`, the tip was seen there by the board's CAD,
     `off_um` and `away_um` tell how far off; or `drives`, where nobody could see it or it was seen farther off than a
-    first landing may end, `unconfirmed` tells why.
+    first landing may end, `unconfirmed` tells why (`name`, `message`, `advice`), also where tip or map is missing.
     """
 
     ENDS_OVER_POINT = "placed"
@@ -111,7 +111,11 @@ class Align(JobRequest):
 
 
 class Calibrate(JobRequest):
-    """Teach the probe's tip, or measure the map, the head's rotation, the surface's plane, or the axes' play."""
+    """Teach the probe's tip, or measure the map, the head's rotation, the surface's plane, or the axes' play.
+
+    A new tip makes map, rotation and surface void. In `detail` of its result: `void`, those that were in force, and
+    `next`, what is to be done now, in this order.
+    """
 
     op: Literal["calibrate"]
     what: Literal["tip", "map", "rotation", "surface", "backlash"]
@@ -310,11 +314,12 @@ class StopRules(Told):
 class Run(JobRequest):
     """Walk a plan, or a list of points, over a board: test point by point, and tell each as soon as it has a verdict.
 
-    `board_id` is required, for touches of pads are counted by it, and so is what is left of a run. A run that a kill, a
-    cancel or a fault left unfinished is gone on with by another `run` with `resume`: no point that has a verdict is
-    touched again, and plan and order stay those of its beginning. While one of this board is unfinished, another is
-    refused (`run_unfinished`); `abandon` ends the old one as it is. A list of `points` asks only for contact. The
-    result's `detail` tells `run` (its id, that of the job that began it) and `summary`.
+    `board_id` is required, for touches of pads are counted by it, and so is what is left of a run. What no point could
+    be tested without (tip, map, the board's alignment, its surface) is refused before anything moves. A run that a
+    kill, a cancel or a fault left unfinished is gone on with by another `run` with `resume`: no point that has a
+    verdict is touched again, and plan and order stay those of its beginning. While one of this board is unfinished,
+    another is refused (`run_unfinished`); `abandon` ends the old one as it is. A list of `points` asks only for
+    contact. The result's `detail` tells `run` (its id, that of the job that began it) and `summary`.
     """
 
     TOUCHES = True

@@ -15,7 +15,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from daemon.config.model import ClearanceSection
+from daemon.config.sections.motion import ClearanceSection
 from daemon.tools.board_import import Options, import_board
 from sim_hw.board.board import load_board
 from tests.bench.clearance import wire

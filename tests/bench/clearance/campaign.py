@@ -10,7 +10,7 @@ from random import Random
 
 import numpy as np
 
-from daemon.config.model import ClearanceSection
+from daemon.config.sections.motion import ClearanceSection
 from daemon.domain.board import Board, BoardPoint
 from drivers.errors import EnvelopeViolation
 from drivers.gantry import ClearHeight, Position, axis_theta_deg

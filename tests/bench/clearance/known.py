@@ -7,7 +7,8 @@ from random import Random
 
 import numpy as np
 
-from daemon.config.model import ClearanceSection, Config
+from daemon.config.model import Config
+from daemon.config.sections.motion import ClearanceSection
 from daemon.domain.board import Board
 from daemon.station.board_trust import BoardTrust
 from daemon.station.clearance import Clearance

@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from daemon.client import Client
-from daemon.config.model import AxisSection, Config, load_config
+from daemon.config.model import Config, load_config
+from daemon.config.sections.devices import AxisSection
 from daemon.domain.board import BoardPoint
 from daemon.domain.results import JobResult
 from daemon.tools.demo.session import Session, choose_points

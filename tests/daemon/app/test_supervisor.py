@@ -4,143 +4,20 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
 
 from daemon.app import supervisor
-from daemon.app.supervisor import DOUBT, StationSupervisor
-from daemon.config.current import CurrentSettings
-from daemon.config.model import load_config
-from daemon.domain.board import Board
+from daemon.app.supervisor import DOUBT
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.states import Lifecycle, State
-from daemon.jobs.context import Outcome
-from daemon.jobs.fault_latch import AXES, FaultLatch
-from daemon.jobs.runner import JobRunner
-from daemon.jobs.station_lock import StationLock
+from daemon.jobs.fault_latch import AXES
 from daemon.jobs.watchdog import Watchdog
-from daemon.station.needle import NeedlePlace
-from daemon.storage.calibration_store import Calibrations
-from daemon.tools.demo.settings import Places, write_settings
-from daemon.wire.operations.table import OPERATIONS
 from drivers.errors import CameraError, DeadlinePassed, DriveFault, EmergencyStop, LightError, LinkTimeout
-from drivers.gantry import Position
-from tests.daemon.app.fake_hardware import FakeHardware, Gate, hardware
-from tests.daemon.jobs.memory_journal import MemoryJournal
-from tests.daemon.jobs.surroundings import surroundings
-from tests.daemon.procedures.fake_station import pose_map as a_pose_map
-from tests.daemon.procedures.fake_station import probe_model
-
-JOBS: dict[str, dict[str, Any]] = {
-    "correct": {"test_point": "TP1"},
-    "place": {"test_point": "TP1"},
-    "look": {},
-    "align": {},
-    "calibrate": {"what": "backlash"},
-    "home": {},
-    "lift": {},
-}
-
-
-class _Images:
-    full = None
-
-    def folder_for(self, _request: Any, *, failed: bool) -> None:  # noqa: ARG002
-        return
-
-
-class Station:
-    """A supervisor and a job runner on devices that answer at once."""
-
-    def __init__(self, folder: Path, journal: MemoryJournal | None = None) -> None:
-        config = load_config(write_settings(Places(folder, folder)))
-        board = cast("Board", _AnyBoard())
-        self.journal, self.latch, self.lock = journal or MemoryJournal(), FaultLatch(), StationLock()
-        self.hardware = hardware()
-        self.opened: list[FakeHardware] = []
-        self.open_error: Exception | None = None
-        self.asked_to_rest: list[list[str]] = []
-        self.answering: set[str] = set()
-        self.began: list[str] = []
-        self.settings = CurrentSettings(config, board)
-        self.supervisor = StationSupervisor(
-            self.settings, self.latch, self.lock, Calibrations(folder / "calibration", "demo"),
-            cast("Any", self.journal), self._open, stop_unopened=self._stop_unopened,
-        )  # fmt: skip
-        self.runner = JobRunner(
-            surroundings(
-                latch=self.latch, lock=self.lock, journal=self.journal, images=_Images(),
-                context=self.supervisor.context, procedures=dict.fromkeys(JOBS, self._procedure),
-            )
-        )  # fmt: skip
-
-    def check_every(self, seconds: float) -> None:
-        """Have the drives checked at rest that often."""
-        config = self.settings.config
-        often = config.maintenance.model_copy(update={"idle_check_s": seconds})
-        changed = config.model_copy(update={"maintenance": often})
-        self.settings.replace(cast("Any", SimpleNamespace(config=changed, board=self.settings.board)))
-
-    async def _open(self, _config: Any, _deadline: Any) -> Any:
-        if self.open_error is not None:
-            raise self.open_error
-        self.opened.append(self.hardware)
-        return self.hardware
-
-    async def _stop_unopened(self, _config: Any, names: Iterable[str]) -> frozenset[str]:
-        assert self.lock.holder == "stop", "a reset would open the same lines"
-        self.asked_to_rest.append(list(names))
-        return frozenset(self.answering & set(names))
-
-    async def _procedure(self, job: Any, _context: Any) -> Outcome:
-        self.began.append(job.request.op)
-        return Outcome("done")
-
-    def watch(self, gate: Gate) -> None:
-        """Have every question to a device pass a gate from here on."""
-        self.hardware.gate = gate
-
-    async def submit(self, op: str, job_id: str) -> str:
-        """Send a job and return how it was taken."""
-        try:
-            await self.runner.submit(OPERATIONS.parse({"op": op, "id": job_id, **JOBS[op]}))  # type: ignore[arg-type]
-        except Fault as fault:
-            return fault.kind.wire_name
-        return "accepted"
-
-
-class _AnyBoard:
-    """A board that has every point."""
-
-    name, side, revision = "any", "top", "1"
-    layers, points = None, ()
-
-    def point(self, _name: str) -> None:
-        return
-
-    find = point
-
-
-@pytest.fixture
-def station(tmp_path: Path) -> Station:
-    return Station(tmp_path)
-
-
-async def _turns(count: int = 30) -> None:
-    for _ in range(count):
-        await asyncio.sleep(0)
-
-
-async def _until(holds: Callable[[], bool]) -> None:
-    """Let others have their turn until something is true."""
-    async with asyncio.timeout(30.0):
-        while not holds():  # noqa: ASYNC110  # what is waited for has no event of its own
-            await asyncio.sleep(0)
+from tests.daemon.app.supervised_station import JOBS, Station, let_pass, turns, until
 
 
 def _latched(station: Station) -> None:
@@ -184,7 +61,7 @@ async def _reset_with(folder: Path, op: str, situation: Callable[[Station], None
         if asked == at:
             taken.append(await station.submit(op, "meanwhile"))
         asked += 1
-        await _turns()
+        await turns()
         assert station.began == [], f"{op} began at question {asked}"
         assert set(before) <= set(station.latch.causes), "a fault is not cleared before the last answer"
         assert station.latch.state is (State.FAULT if before else State.IDLE)
@@ -192,8 +69,8 @@ async def _reset_with(folder: Path, op: str, situation: Callable[[Station], None
     station.watch(gate)
     running = asyncio.create_task(station.runner.run())
     still = await station.supervisor.reset()
-    station.watch(_let_pass)
-    await _turns()
+    station.watch(let_pass)
+    await turns()
     if before:
         assert taken == ([] if at < 0 else ["in_fault"]), "only homing is taken, and only in `not_homed`"
         assert still is not None
@@ -207,10 +84,6 @@ async def _reset_with(folder: Path, op: str, situation: Callable[[Station], None
     with contextlib.suppress(asyncio.CancelledError):
         await running
     return asked
-
-
-async def _let_pass(_what: str) -> None:
-    return
 
 
 async def test_opening_ends_in_idle_or_names_what_is_missing(tmp_path: Path) -> None:
@@ -285,7 +158,7 @@ async def test_a_doubt_is_kept_for_a_daemon_that_is_killed(tmp_path: Path) -> No
     looking = asyncio.create_task(first.supervisor.run())
     first.hardware.errors |= {f"forget {axis}": LinkTimeout("no answer", device=axis) for axis in AXES}
     first.latch.latch(Fault(FaultCode.AXIS_STALLED))
-    await _until(lambda: DOUBT in first.journal.things)
+    await until(lambda: DOUBT in first.journal.things)
     looking.cancel()
     assert first.journal.things[DOUBT] == {"axes": sorted(AXES)}
     second = Station(tmp_path, first.journal)
@@ -336,148 +209,6 @@ async def test_a_reset_does_not_end_a_fault_while_the_camera_gives_nothing(stati
     still = await station.supervisor.reset()
     assert still is not None
     assert [cause.kind for cause in station.latch.causes] == [FaultCode.CAMERA_FAILED, FaultCode.LINK_LOST]
-
-
-async def _job_leaves_a_lamp_on(station: Station) -> None:
-    async with station.lock.hold("job"):
-        station.hardware.lit_level = 90
-    await _until(lambda: station.latch.fault is not None)
-    assert station.latch.fault is not None
-    assert station.latch.fault.kind is FaultCode.LIGHT_FAILED
-
-
-async def test_a_lamp_that_shines_at_rest_is_a_fault_until_a_picture_is_dark(station: Station) -> None:
-    station.check_every(0.001)
-    await station.supervisor.open()
-    looking = asyncio.create_task(station.supervisor.run())
-    await _until(lambda: station.hardware.delivered == 1)
-    await _until(lambda: station.hardware.did.count("check_health") > 500)
-    assert (station.hardware.delivered, station.latch.state) == (1, State.IDLE), "nobody has used the lamps since"
-    await _job_leaves_a_lamp_on(station)
-    looking.cancel()
-    still = await station.supervisor.reset()
-    assert still is not None
-    assert still.kind is FaultCode.LIGHT_FAILED
-    station.hardware.lit_level = 5
-    assert await station.supervisor.reset() is None
-    assert station.latch.state is State.IDLE
-
-
-async def test_a_lamp_that_stays_on_is_found_when_the_job_ends_not_with_the_next_check(station: Station) -> None:
-    station.check_every(3600.0)
-    await station.supervisor.open()
-    looking = asyncio.create_task(station.supervisor.run())
-    await _until(lambda: station.hardware.delivered == 1)  # the look at the start is done
-    await _job_leaves_a_lamp_on(station)
-    looking.cancel()
-
-
-async def test_pictures_for_viewers_do_not_hide_a_lamp_that_shines(station: Station) -> None:
-    await station.supervisor.open()
-    station.hardware.lit_level = 90
-
-    async def viewers(what: str) -> None:
-        station.hardware.delivered += what == "frame"
-
-    station.watch(viewers)
-    await station.supervisor.first_check(Watchdog())
-    assert station.latch.fault is not None
-
-
-async def test_a_lamp_that_a_person_has_on_is_no_fault_and_is_looked_after_once_it_is_given_back(
-    station: Station,
-) -> None:
-    station.check_every(0.001)
-    await station.supervisor.open()
-    station.hardware.lit_level = 90
-
-    async def go_dark() -> None:
-        station.lock.leave = None  # and the lamp shines on
-
-    async with station.lock.hold("lamp"):
-        station.lock.leave = go_dark
-    looking = asyncio.create_task(station.supervisor.run())
-    await _until(lambda: station.hardware.did.count("check_health") > 500)
-    assert (station.latch.fault, station.hardware.did.count("frame")) == (None, 0)
-    async with station.lock.hold("lamp"):
-        await go_dark()
-    await _until(lambda: station.latch.fault is not None)
-    looking.cancel()
-
-
-async def test_work_done_while_a_picture_was_taken_has_another_taken(station: Station) -> None:
-    """That picture tells of the lamps before the work."""
-    await station.supervisor.open()
-
-    async def work(what: str) -> None:
-        if what == "frame" and station.hardware.did.count("frame") == 0:
-            async with station.lock.hold("job"):
-                station.hardware.lit_level = 90
-
-    station.watch(work)
-    looking = asyncio.create_task(station.supervisor.run())
-    await _until(lambda: station.latch.fault is not None)
-    looking.cancel()
-    assert station.hardware.did.count("frame") == 2
-
-
-async def test_a_lamp_that_shines_is_found_though_the_drives_are_asked_meanwhile(station: Station) -> None:
-    """A picture takes as long as a check does: its finding was dropped, and nobody looked again for a while."""
-    await station.supervisor.open()
-    station.hardware.lit_level = 90
-    asked, seen = asyncio.Event(), asyncio.Event()
-
-    async def drives_are_asked() -> None:
-        async with station.lock.hold("health check"):
-            asked.set()
-            await seen.wait()
-
-    async def gate(what: str) -> None:
-        if what == "frame":
-            checks.append(asyncio.create_task(drives_are_asked()))
-            await asked.wait()
-
-    checks: list[asyncio.Task[None]] = []
-    station.watch(gate)
-    await station.supervisor.first_check(Watchdog())
-    seen.set()
-    await asyncio.gather(*checks)
-    assert len(checks) == 1
-    assert station.latch.fault is not None
-    assert station.latch.fault.kind is FaultCode.LIGHT_FAILED
-
-
-async def test_a_lamp_that_shines_is_found_as_soon_as_a_camera_that_was_away_gives_a_picture(
-    station: Station, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(supervisor, "LOOK_EVERY_S", 3600.0)
-    station.check_every(0.001)
-    await station.supervisor.open()
-    looking = asyncio.create_task(station.supervisor.run())
-    await _until(lambda: station.hardware.delivered == 1)
-    station.hardware.errors["frame"] = CameraError("no picture", device="cam")
-    asked = station.hardware.did.count("frame")
-    async with station.lock.hold("job"):
-        station.hardware.lit_level = 90
-    await _until(lambda: station.hardware.did.count("frame") > asked)
-    del station.hardware.errors["frame"]
-    await _until(lambda: station.latch.fault is not None)
-    looking.cancel()
-
-
-async def test_a_picture_taken_at_rest_is_void_once_a_job_has_begun_and_holds_none_up(station: Station) -> None:
-    await station.supervisor.open()
-    station.hardware.lit_level = 90
-
-    async def gate(what: str) -> None:
-        if what == "frame":
-            assert station.lock.holder is None
-            station.latch.begin("look", "l1")
-
-    station.watch(gate)
-    await station.supervisor.first_check(Watchdog())
-    assert "frame" in station.hardware.did
-    assert station.latch.fault is None
 
 
 async def test_a_journal_that_cannot_be_written_keeps_the_fault(station: Station) -> None:
@@ -573,10 +304,10 @@ async def test_the_idle_station_is_looked_after_and_never_beside_somebody_else(s
         await asyncio.sleep(0.02)
         assert station.hardware.did == []
     station.hardware.errors["check_health"] = EmergencyStop("pressed", device="x")
-    await _until(lambda: station.latch.fault is not None)
+    await until(lambda: station.latch.fault is not None)
     assert station.latch.fault is not None
     assert station.latch.fault.kind is FaultCode.EMERGENCY_STOP
-    await _until(lambda: not station.latch.doubtful)
+    await until(lambda: not station.latch.doubtful)
     assert station.hardware.homed == dict.fromkeys(AXES, False), "the drives hear of the doubt at once"
     assert station.latch.fault.kind is FaultCode.EMERGENCY_STOP, "and nothing is cleared by that"
     looking.cancel()
@@ -590,12 +321,12 @@ async def test_drives_that_could_not_be_opened_are_stopped_as_soon_as_each_answe
     looking = asyncio.create_task(station.supervisor.run())
     station.open_error = LinkTimeout("no answer", device="x")
     await station.supervisor.open()
-    await _until(lambda: len(station.asked_to_rest) > 2)
+    await until(lambda: len(station.asked_to_rest) > 2)
     assert station.asked_to_rest[-1] == ["theta", "x", "y", "z"]
     station.answering = {"x", "z"}
-    await _until(lambda: station.asked_to_rest[-1] == ["theta", "y"])
+    await until(lambda: station.asked_to_rest[-1] == ["theta", "y"])
     station.answering = set(AXES)
-    await _until(lambda: station.lock.holder is None)
+    await until(lambda: station.lock.holder is None)
     await asyncio.sleep(0.05)
     asked = len(station.asked_to_rest)
     await asyncio.sleep(0.05)
@@ -605,117 +336,6 @@ async def test_drives_that_could_not_be_opened_are_stopped_as_soon_as_each_answe
     station.open_error = None
     assert await station.supervisor.reset() is None
     looking.cancel()
-
-
-async def test_a_needle_that_sinks_at_rest_is_a_latched_fault_and_is_raised(station: Station) -> None:
-    station.check_every(0.001)
-    await station.supervisor.open()
-    looking = asyncio.create_task(station.supervisor.run())
-    await _until(lambda: station.hardware.did.count("check_health") > 3)
-    assert station.latch.state is State.IDLE
-    station.hardware.z_um -= 40.0
-    seen = station.hardware.did.count("check_health")
-    await _until(lambda: station.hardware.did.count("check_health") > seen + 3)
-    assert station.latch.state is State.IDLE, "a brake may give a little"
-    for _ in range(3):
-        station.hardware.z_um -= 10.0
-    await _until(lambda: station.hardware.lifted_to_um != [])
-    looking.cancel()
-    assert station.latch.fault is not None
-    assert station.latch.fault.kind is FaultCode.NEEDLE_DOWN
-    assert "sank by 70 um" in station.latch.fault.message
-    assert station.hardware.lifted_to_um == [12_000.0]
-    assert station.supervisor.needle.is_up
-    still = await station.supervisor.reset()
-    assert still is not None
-    assert still.kind is FaultCode.NEEDLE_DOWN, "only a lift settles it"
-
-
-def _stopped_descent(station: Station, at_um: float) -> None:
-    """Have a move down to the height of looks begin, and be stopped on its way."""
-    station.supervisor.needle.departs(Position(0.0, 0.0, station.settings.config.gantry.work_z_um, 0.0))
-    station.hardware.z_um = at_um
-
-
-async def test_a_z_that_was_stopped_on_its_way_did_not_sink(station: Station) -> None:
-    await station.supervisor.open()
-    _stopped_descent(station, at_um=8_600.0)
-    await station.supervisor.first_check(Watchdog())
-    assert station.latch.fault is None
-    assert station.hardware.lifted_to_um == [], "nobody asked for it"
-    station.hardware.z_um = 8_530.0
-    await station.supervisor.first_check(Watchdog())
-    assert station.latch.fault is not None, "from where it was found it must not sink either"
-    assert "sank by 70 um" in station.latch.fault.message
-
-
-async def test_a_z_that_was_stopped_on_its_way_and_is_found_below_its_target_sank(station: Station) -> None:
-    await station.supervisor.open()
-    _stopped_descent(station, at_um=8_600.0)
-    station.hardware.z_um = station.settings.config.gantry.work_z_um - 60.0
-    await station.supervisor.first_check(Watchdog())
-    assert station.latch.fault is not None
-    assert station.latch.fault.kind is FaultCode.NEEDLE_DOWN
-    assert station.hardware.lifted_to_um == [12_000.0]
-
-
-@pytest.mark.parametrize(
-    ("standing", "raised"),
-    [(FaultCode.CAMERA_FAILED, True), (FaultCode.JOURNAL_FAILED, True), (FaultCode.LINK_LOST, False)],
-)
-async def test_a_needle_that_sinks_while_another_fault_stands_is_seen_and_raised_where_that_is_safe(
-    station: Station, standing: FaultCode, *, raised: bool
-) -> None:
-    station.check_every(0.001)
-    await station.supervisor.open()
-    station.latch.latch(Fault(standing))
-    looking = asyncio.create_task(station.supervisor.run())
-    await _until(lambda: station.hardware.did.count("position") > 3)
-    assert [cause.kind for cause in station.latch.causes] == [standing]
-    station.hardware.z_um = 4_900.0
-    await _until(lambda: FaultCode.NEEDLE_DOWN in [cause.kind for cause in station.latch.causes])
-    await _until(lambda: station.lock.holder is None)
-    looking.cancel()
-    assert station.latch.fault is not None
-    assert station.latch.fault.kind is standing, "the first cause stays first"
-    assert station.hardware.lifted_to_um == ([12_000.0] if raised else [])
-    assert station.supervisor.needle.place is (NeedlePlace.UP if raised else NeedlePlace.DOWN)
-
-
-async def test_a_needle_that_is_known_to_be_down_is_not_raised_because_it_sinks_further(station: Station) -> None:
-    station.check_every(0.001)
-    station.hardware.z_um = 4_900.0
-    await station.supervisor.open()
-    assert [cause.kind for cause in station.latch.causes] == [FaultCode.NEEDLE_DOWN]
-    looking = asyncio.create_task(station.supervisor.run())
-    station.hardware.z_um = 4_700.0
-    await _until(lambda: station.supervisor.needle.z_um == 4_700.0)
-    await _until(lambda: station.lock.holder is None)
-    looking.cancel()
-    assert station.hardware.lifted_to_um == [], "a person looks first, and sends `lift`"
-
-
-async def test_drives_that_do_not_answer_in_a_fault_are_asked_again_and_change_nothing(station: Station) -> None:
-    station.check_every(0.001)
-    await station.supervisor.open()
-    station.latch.latch(Fault(FaultCode.LINK_LOST))
-    station.hardware.errors["homed"] = LinkTimeout("no answer", device="z")
-    looking = asyncio.create_task(station.supervisor.run())
-    await _until(lambda: station.hardware.did.count("homed") > 3)
-    assert [cause.kind for cause in station.latch.causes] == [FaultCode.LINK_LOST]
-    looking.cancel()
-
-
-@pytest.mark.parametrize("against", [FaultCode.LINK_LOST, FaultCode.DEVICE_REFUSED])
-async def test_a_needle_that_sank_is_not_raised_where_no_axis_can_be_trusted(
-    station: Station, against: FaultCode
-) -> None:
-    await station.supervisor.open()
-    station.hardware.z_um = 5_000.0
-    station.latch.latch(Fault(against))
-    await station.supervisor.first_check(Watchdog())
-    assert FaultCode.NEEDLE_DOWN in [cause.kind for cause in station.latch.causes]
-    assert station.hardware.lifted_to_um == []
 
 
 async def test_a_check_that_is_late_without_a_missing_answer_is_no_lost_link(station: Station) -> None:
@@ -747,9 +367,9 @@ async def test_what_may_still_run_is_stopped_as_soon_as_its_drive_answers_in_eve
     looking = asyncio.create_task(station.supervisor.run())
     gantry.unstopped = ("x",)
     station.hardware.errors["stop again"] = LinkTimeout("no answer", device="x")
-    await _until(lambda: station.hardware.did.count("stop again") > 1)
+    await until(lambda: station.hardware.did.count("stop again") > 1)
     del station.hardware.errors["stop again"]
-    await _until(lambda: not gantry.unstopped)
+    await until(lambda: not gantry.unstopped)
     assert station.latch.state is state
     looking.cancel()
 
@@ -794,71 +414,3 @@ async def test_at_the_end_nothing_moves_while_an_axis_is_in_doubt(station: Stati
 async def test_a_station_that_was_never_opened_has_nothing_to_release(station: Station) -> None:
     await station.supervisor.release()
     assert station.hardware.did == []
-
-
-# --- the needle -------------------------------------------------------------------------------------------------------
-
-
-async def test_a_start_with_the_needle_below_working_height_says_so_and_moves_nothing(station: Station) -> None:
-    station.hardware.z_um = 4_900.0
-    await station.supervisor.open()
-    assert [cause.kind for cause in station.latch.causes] == [FaultCode.NEEDLE_DOWN]
-    assert (station.supervisor.needle.place, station.supervisor.needle.z_um) == (NeedlePlace.DOWN, 4_900.0)
-    assert not [asked for asked in station.hardware.did if asked.startswith("move")]
-    assert {op: await station.submit(op, op) for op in JOBS} == {
-        op: "accepted" if op in ("home", "lift") else "in_fault" for op in JOBS
-    }
-
-
-async def test_no_reset_clears_needle_down_not_even_with_the_needle_up(station: Station) -> None:
-    station.hardware.z_um = 4_900.0
-    await station.supervisor.open()
-    for z_um in (4_900.0, 12_000.0):
-        station.hardware.z_um = z_um
-        still = await station.supervisor.reset()
-        assert still is not None
-        assert still.kind is FaultCode.NEEDLE_DOWN
-        assert station.latch.state is State.FAULT
-
-
-@pytest.mark.parametrize(("z_um", "seen"), [(4_900.0, True), (12_000.0, False)])
-async def test_a_needle_that_somebody_else_left_down_is_to_be_seen_free_after_its_lift(
-    tmp_path: Path, z_um: float, seen: bool
-) -> None:
-    """A daemon that was killed over a pressed pin took along where it stood free; Z's count alone is no proof."""
-    station = Station(tmp_path)
-    probe, pose_map = probe_model(), a_pose_map()
-    known = {"probe": probe, "pose_map": pose_map}
-    with pytest.MonkeyPatch.context() as patch:
-        for name, value in known.items():
-            patch.setattr(Calibrations, name, property(lambda _self, value=value: value))
-        station.hardware.z_um = z_um
-        await station.supervisor.open()
-    free = station.supervisor.needle.free_pin
-    assert (free is not None) == seen
-    if free is not None:
-        assert free.tip_px == probe.tip_px
-        per_um = math.hypot(*pose_map.below_tip_px) / pose_map.hover_um
-        pressed_by_um = 100.0
-        assert pressed_by_um * per_um > free.within_px > 3.0 * 23.0 * per_um, "a push is told from three sigma of flex"
-
-
-async def test_a_reset_clears_the_cause_and_leaves_that_the_needle_is_down(station: Station) -> None:
-    await station.supervisor.open()
-    station.hardware.z_um = 4_900.0
-    station.latch.latch(Fault(FaultCode.LINK_LOST))
-    station.latch.latch(Fault(FaultCode.NEEDLE_DOWN))
-    assert await station.supervisor.reset() is not None
-    assert [cause.kind for cause in station.latch.causes] == [FaultCode.NEEDLE_DOWN]
-
-
-async def test_a_lost_reference_is_named_first_and_leaves_needle_down_behind_it(station: Station) -> None:
-    await station.supervisor.open()
-    station.latch.latch(Fault(FaultCode.EMERGENCY_STOP))
-    station.latch.latch(Fault(FaultCode.NEEDLE_DOWN))
-    assert station.supervisor.needle.place is NeedlePlace.UNKNOWN
-    assert await station.supervisor.reset() is not None
-    assert [cause.kind for cause in station.latch.causes] == [FaultCode.NOT_HOMED, FaultCode.NEEDLE_DOWN]
-    assert station.supervisor.needle.place is NeedlePlace.UNKNOWN, "settling the doubt has not made it known"
-    assert await station.submit("lift", "l") == "in_fault"
-    assert await station.submit("home", "h") == "accepted"

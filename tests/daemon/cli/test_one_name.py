@@ -196,6 +196,15 @@ def test_a_reset_that_leaves_but_homing_ends_well_on_the_command_line(tmp_path: 
         assert ("the reset worked" in said) == (exits == 0)
 
 
+@pytest.mark.parametrize("made", [{}, {"map": "2026-01-02T03:04:05Z", "backlash": "2026-01-02T03:04:05Z"}])
+def test_what_a_new_tip_will_make_void_is_said_before_it_is_taught(tmp_path: Path, made: dict[str, str]) -> None:
+    told = {"calibration": {"made_at": made}, "error": ERROR}
+    with _daemon(tmp_path, told, refused="look") as (endpoint, _):
+        said = _run("calibrate", "tip", "--page", str(tmp_path / "tip.html"), "--endpoint", endpoint)[1]
+    assert ("makes void: map (made" in said) == bool(made)
+    assert "backlash" not in said, "the tip has no part in it"
+
+
 def test_a_place_is_asked_for_with_its_two_numbers(tmp_path: Path) -> None:
     assert _run("place")[0] == 2
     assert _run("place", "TP1", "--at", "1,2")[0] == 2

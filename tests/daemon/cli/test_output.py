@@ -9,7 +9,10 @@ import pytest
 import typer
 from rich.table import Table
 
+from daemon.cli.formatting import doubts
 from daemon.cli.output import fail, out
+from daemon.cli.tester import show
+from daemon.domain.results import JobResult
 
 COMMANDS = Path(__file__).parents[3] / "daemon" / "cli"
 
@@ -40,3 +43,22 @@ def test_what_fails_is_told_in_plain_words_and_escaped_once() -> None:
         for call in (one for one in calls if isinstance(one.func, ast.Name) and one.func.id == "fail"):
             names = [node.id for node in ast.walk(call) if isinstance(node, ast.Name)]
             assert "escape" not in names, f"{path.name}, line {call.lineno}"
+
+
+def test_what_a_placed_needle_does_not_know_is_said_with_what_can_be_typed() -> None:
+    unseen = {"name": "not_calibrated", "message": "no map", "advice": "`calibrate` the map"}
+    said = doubts({"unconfirmed": unseen, "height": "unknown", "height_within_um": 500.0, "parallax_um": 93.2})
+    assert [advice.split("`")[1] for _, advice in said] == ["reprobe calibrate", "reprobe calibrate surface"]
+    assert said[0][0].endswith(": no map")
+    assert "within 500 um; a look may see a pad 93 um aside" in said[1][0]
+    assert doubts({"height": "measured", "confirmed_by": "picture"}) == []
+
+
+@pytest.mark.parametrize("height", ["unknown", "measured"])
+def test_a_result_is_shown_with_its_doubts(height: str, capsys: pytest.CaptureFixture[str]) -> None:
+    result = JobResult(
+        id="j1", op="place", ok=True, seq=7, station="s", finished_at="2026-01-02T03:04:05Z", outcome="placed",
+        test_point="TP1", detail={"height": height, "height_within_um": 500.0},
+    )  # fmt: skip
+    show(result, as_json=False)
+    assert ("-> `reprobe calibrate surface`" in capsys.readouterr().out) == (height == "unknown")

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from daemon.cli.progress import figure_words, in_force_words
+from daemon.cli.progress import figure_words, in_force_words, undone_words
 
 
 @pytest.mark.parametrize(
@@ -29,3 +29,10 @@ def test_which_calibration_is_in_force_is_said_with_its_time(detail: dict[str, A
 )  # fmt: skip
 def test_a_results_figures_are_no_python(value: object, words: str) -> None:
     assert figure_words(value) == words
+
+
+def test_what_a_new_tip_undoes_is_said_with_what_can_be_typed() -> None:
+    void, following = undone_words({"void": ["map", "surface"], "next": ["calibrate map", "align"]})
+    assert void.endswith(": map, surface")
+    assert following == "next: `reprobe calibrate map`, then `reprobe align`"
+    assert undone_words({"void": [], "next": []}) == undone_words({}) == []

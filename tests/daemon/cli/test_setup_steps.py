@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import tomllib
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,6 +17,7 @@ from daemon.cli.app import app
 from daemon.cli.setup_dialogue import Dialogue, StepFailed
 from daemon.cli.setup_file_steps import Setup
 from daemon.client import Refused
+from daemon.config.model import load_config
 from daemon.tools.setup import Notes
 
 ROOT = Path(__file__).parents[3]
@@ -42,6 +44,54 @@ def test_a_board_may_be_named_as_it_is_seen_from_where_it_was_typed(
     assert "Board demo_board, top" in result.output
     assert tomllib.loads(file.read_text())["board"]["file"] == "board.json"
     assert (tmp_path / "board.json").is_file()
+
+
+def _only(file: Path, step: str, *answers: str) -> tuple[dict[str, Any], str]:
+    """Do one step; return the file's content and what was said."""
+    result = CliRunner().invoke(app, ["setup", "-c", str(file), "--only", step], input="\n".join([*answers, ""]))
+    return tomllib.loads(file.read_text()) if file.exists() else {}, result.output
+
+
+def test_a_slip_in_the_mechanics_is_gone_back_to_and_what_came_before_it_stays(tmp_path: Path) -> None:
+    x_axis = ["20", "0", "300", "999", "<", "298", "21"]
+    written, said = _only(tmp_path / "station.toml", "mechanics", *x_axis, *[""] * 40)
+    axis = written["axes"]["x"]
+    assert (axis["maximum"], axis["homing_position"], axis["homing_method"]) == (300_000.0, 298_000.0, 21)
+    assert said.count("travel with one turn of the motor, mm") == 3 + 1, "what was answered is shown once more"
+    assert "< as an answer goes back" in said
+
+
+def test_from_the_first_question_it_goes_back_to_the_step_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(guided, "STEPS", [one for one in guided.STEPS if one.name in ("name", "sockets")])
+    file = tmp_path / "station.toml"
+    answers = ["<", "wrong", "", "<", "right", "", "tcp://127.0.0.1:7001", ""]
+    result = CliRunner().invoke(app, ["setup", "-c", str(file)], input="\n".join([*answers, ""]))
+    assert result.exit_code == 0, result.output
+    written = tomllib.loads(file.read_text())
+    assert (written["station"]["name"], written["api"]["control"]) == ("right", "tcp://127.0.0.1:7001")
+
+
+def test_its_last_words_are_the_next_commands_and_can_be_pasted(tmp_path: Path) -> None:
+    _, said = _only(tmp_path / "station.toml", "name", "left", "")
+    typed = [shlex.split(line, comments=True) for line in said.rpartition("then type:")[2].strip().splitlines()]
+    assert [" ".join(one) for one in typed] == [
+        "reprobe home", "reprobe align", "reprobe calibrate surface", "reprobe place TP7",
+    ]  # fmt: skip
+
+
+def test_a_station_may_have_no_instrument_and_is_told_what_that_means(tmp_path: Path) -> None:
+    file = tmp_path / "station.toml"
+    _, said = _only(file, "meter", "")
+    assert f"`reprobe setup -c {file} --only meter` adds it" in said
+    assert "`reprobe probe` and `reprobe run` need one" in said
+    written, said = _only(file, "meter", "y", "192.168.0.7", "192.168.0.7:5025", "none")
+    assert "neither host:port" in said
+    assert written["meter"] == {"kind": "scpi", "address": "192.168.0.7:5025"}
+    assert _only(file, "meter", "", "", "7")[0]["meter"]["contact_channel"] == 7, "what is there is offered"
+    assert "contact_channel" not in _only(file, "meter", "", "", "none")[0]["meter"]
+    assert load_config(file).meter is not None
 
 
 class _Station:

@@ -14,7 +14,8 @@ from typing import Any, cast
 import pytest
 
 from daemon.config.current import CurrentSettings
-from daemon.config.model import MaintenanceSection, load_config
+from daemon.config.model import load_config
+from daemon.config.sections.service import MaintenanceSection
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.point_test import PointVerdict
 from daemon.domain.results import ErrorBody, JobResult

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from daemon.config.model import MaintenanceSection
+from daemon.config.sections.service import MaintenanceSection
 from daemon.config.watch_names import GROUPS, is_known, sector_name, watch_names
 from daemon.maintenance.catalogue import all_specs, chosen
 from daemon.maintenance.panel import Panel, Row

@@ -12,7 +12,7 @@ import zmq
 import zmq.asyncio
 
 from daemon.client import NoAnswer, Refused
-from daemon.config.model import ApiSection
+from daemon.config.sections.service import ApiSection
 from daemon.domain.roles import ROLES, Caller, Role
 from daemon.page import ask as asking
 from daemon.page.ask import Ask, Line

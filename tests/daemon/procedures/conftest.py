@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import pytest
+
+from tests.daemon.procedures.fake_probing import Line
 
 
 @pytest.fixture(autouse=True)
@@ -18,3 +21,9 @@ def pages(monkeypatch: pytest.MonkeyPatch) -> list[Sequence[str]]:
 
     monkeypatch.setattr("daemon.procedures.calibrate.commit.draw", draw, raising=False)
     return asked
+
+
+@pytest.fixture
+def line(tmp_path: Path) -> Line:
+    """A station that probes."""
+    return Line(tmp_path)

@@ -13,7 +13,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from daemon.config.model import BrushSection, MeterSection, ReferenceSection
+from daemon.config.sections.meter import MeterSection
+from daemon.config.sections.touching import BrushSection, ReferenceSection
 from daemon.domain.board import Board
 from daemon.domain.contact import ContactFacts
 from daemon.domain.point_mark import PointMark
@@ -221,6 +222,13 @@ class Line:
         """Put another configuration in force."""
         self.world.context.config = config
         self.world.station.fit(self.meter if config.meter is not None else None)
+
+    def first_press_lands_on_b(self) -> None:
+        """Have the first press miss by the whole way from A to B."""
+        self.misses_um = [(6_000.0, 0.0)]
+        self.without(servo=self.world.context.servo.model_copy(update={"max_placement_um": 7_000.0}))
+        self.world.put_tip(self.world.pad_um("C"), z_um=6_000.0)
+        self.world.station.needle.reported(self.world.gantry.reported)
 
     def without(self, **sections: Any) -> None:
         """Change sections of the configuration."""

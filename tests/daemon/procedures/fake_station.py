@@ -19,7 +19,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from daemon.config.model import Config, Section, load_config
+from daemon.config.model import Config, load_config
+from daemon.config.sections.base import Section
 from daemon.domain.board import Board, BoardPoint
 from daemon.domain.states import Event, Machine, State
 from daemon.jobs.context import JobContext, MarkOf, Outcome, Procedure, StationContext, Touching, nothing_said
@@ -410,9 +411,9 @@ class World:
         self.calibrations.store(self._like(rotation_record(), head=head_to_dict(head)))
         return self
 
-    def with_surface(self, raised_um: float = 0.0) -> World:
+    def with_surface(self, raised_um: float = 0.0, made_at: str | None = None) -> World:
         surface = surface_record(raised_um=raised_um)
-        self.calibrations.store(self._like(surface))
+        self.calibrations.store(self._like(surface, **({} if made_at is None else {"made_at": made_at})))
         return self
 
     def _like(self, record: RotationRecord | SurfaceRecord, **changes: Any) -> RotationRecord | SurfaceRecord:

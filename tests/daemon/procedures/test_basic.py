@@ -121,6 +121,18 @@ async def test_place_takes_any_place_of_the_board_and_fiducials(world: World) ->
     assert world.miss_um("F") == pytest.approx((0.0, 0.0), abs=1e-6)
 
 
+async def test_a_place_on_a_station_without_a_map_says_that_nobody_saw_it_and_what_to_do(tmp_path: Path) -> None:
+    """On a board without layers, too, where no look would follow: what comes next needs the map."""
+    world = World(tmp_path, a_board(("A", 20_000.0, 15_000.0)), {}).teach()
+    told = (await run(world, PROCEDURES["place"], {"op": "place", "test_point": "A"})).got.detail
+    assert told["confirmed_by"] == "drives"
+    assert "map from image to robot" in told["unconfirmed"]["message"]
+    assert "`calibrate`" in told["unconfirmed"]["advice"]
+    world.with_map()
+    again = (await run(world, PROCEDURES["place"], {"op": "place", "test_point": "A"})).got.detail
+    assert "unconfirmed" not in again
+
+
 async def test_place_refuses_what_is_unknown_not_homed_or_out_of_reach_before_it_moves(world: World) -> None:
     assert (await _failed(world, {"op": "place", "test_point": "nil"})).kind is FaultCode.UNKNOWN_TEST_POINT
     with pytest.raises(EnvelopeViolation):

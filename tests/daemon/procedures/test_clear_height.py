@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daemon.config.model import ClearanceSection
+from daemon.config.sections.motion import ClearanceSection
 from daemon.procedures.registry import PROCEDURES
 from daemon.station.station import LookResult
 from daemon.storage.calibration_records import Aligned, Seat, SurfaceRecord, Touch

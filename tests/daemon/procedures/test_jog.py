@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from daemon.config.model import ReferenceSection
+from daemon.config.sections.touching import ReferenceSection
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.states import Event
 from daemon.procedures.jog import lowest_jog_um

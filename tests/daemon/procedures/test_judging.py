@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from daemon.config.model import LadderSection
+from daemon.config.sections.touching import LadderSection
 from daemon.domain.point_test import Limits, PointTest
 from daemon.procedures.judging import Judged, Taken, accuses, agree, believed, judge, needs_proof, proved
 

@@ -10,7 +10,9 @@ from typing import Any
 
 import pytest
 
-from daemon.config.model import MeterSection, ReferenceSection
+from daemon.cli.formatting import as_commands
+from daemon.config.sections.meter import MeterSection
+from daemon.config.sections.touching import ReferenceSection
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.plan import Plan
 from daemon.domain.point_test import Limits, PointRecord, PointTest, PointVerdict
@@ -377,6 +379,33 @@ async def test_what_is_not_admitted_begins_no_run(world: World, journal: Journal
     _store(world, _plan(world))
     prober.not_admitted = Fault(FaultCode.NOT_ALIGNED)
     assert (await _refused(world, journal, plan="six")).kind is FaultCode.NOT_ALIGNED
+    assert await journal.runs.unfinished("b17") is None
+
+
+@pytest.mark.parametrize(
+    ("lacking", "kind"),
+    [
+        ("tip", FaultCode.NOT_CALIBRATED), ("map", FaultCode.NOT_CALIBRATED), ("surface", FaultCode.SURFACE_UNKNOWN),
+        ("surface of this board", FaultCode.SURFACE_UNKNOWN), ("alignment", FaultCode.NOT_ALIGNED),
+    ],
+)  # fmt: skip
+async def test_what_no_point_could_be_tested_without_is_refused_before_the_first_one(
+    world: World, journal: Journal, lacking: str, kind: FaultCode
+) -> None:
+    """One refusal with its cure, and not a page of points that were not tested; nothing moves."""
+    _store(world, _plan(world))
+    if lacking != "tip":
+        world.teach()
+    if lacking not in ("tip", "map"):
+        world.with_map()
+    if lacking == "surface of this board":
+        world.with_surface(made_at="2026-03-01T10:00:00.000+00:00")
+    if lacking != "alignment":
+        world.with_alignment(world.true_pose, board_id="b17")
+    fault = await _refused(world, journal, plan="six")
+    assert (fault.kind, world.gantry.moves) == (kind, [])
+    cure = "align" if lacking == "alignment" else "calibrate"
+    assert f"`reprobe {cure}" in as_commands(fault.advice)
     assert await journal.runs.unfinished("b17") is None
 
 

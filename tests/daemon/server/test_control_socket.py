@@ -16,7 +16,7 @@ import zmq
 import zmq.asyncio
 
 from daemon.client import Client, NoAnswer, NotLetIn, Refused, Subscription
-from daemon.config.model import ApiSection
+from daemon.config.sections.service import ApiSection
 from daemon.domain.errors import FaultCode
 from daemon.domain.roles import ROLES, Caller, Role
 from daemon.platform.clock import utc_now

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from daemon.config.model import BrushSection, ClearanceSection, ReferenceSection
+from daemon.config.sections.motion import ClearanceSection
+from daemon.config.sections.touching import BrushSection, ReferenceSection
 from daemon.domain.board import Board
 from daemon.domain.board_layers import BoardLayers, Body, Painting, SideShapes
 from daemon.station.board_trust import BoardTrust

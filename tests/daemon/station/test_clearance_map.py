@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from daemon.config.model import ClearanceSection
+from daemon.config.sections.motion import ClearanceSection
 from daemon.domain.board import Board, BoardPoint
 from daemon.domain.board_layers import BoardLayers, Body, HoleShape, Painting, SideShapes
 from daemon.station.clearance_map import ClearanceMap

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from daemon.config.model import BusSection
+from daemon.config.sections.devices import BusSection
 from daemon.tools.doctor.drives import examine_axis, examine_round_trip
 from daemon.tools.doctor.findings import CheckResults
 from daemon.tools.doctor.scan import scan_line

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from daemon.config.model import MeterSection
+from daemon.config.sections.meter import MeterSection
 from daemon.tools.doctor.findings import CheckResults
 from daemon.tools.doctor.meter import examine_meter
 from tests.drivers.peers.instrument import Instrument, Script, TcpPeer

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from typer.testing import CliRunner
 
 from daemon.cli.app import app
-from daemon.config.model import ApiSection
+from daemon.config.sections.service import ApiSection
 from daemon.domain.errors import FaultCode
 from daemon.domain.results import JobResult
 from daemon.maintenance.alerts import Alert

@@ -12,7 +12,7 @@ import pytest
 from pydantic import ValidationError
 
 import daemon
-from daemon.config.model import ApiSection
+from daemon.config.sections.service import ApiSection
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.roles import ROLES, Caller, Role
 from daemon.wire.docs.page import page

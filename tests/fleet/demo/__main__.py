@@ -51,7 +51,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if told.boards < LEAST_BOARDS or told.seconds < 0:
         parser.error(f"--boards: {LEAST_BOARDS} at least; --seconds: 0 at least")
     if lacking := missing(("mosquitto", "postgresql", "prometheus")):
-        print(f"not installed: {', '.join(lacking)}\n  -> apt install {' '.join(lacking)}", file=sys.stderr)
+        print(
+            f"not installed: {', '.join(lacking)}\n  -> apt-get update && apt-get install -y {' '.join(lacking)}",
+            file=sys.stderr,
+        )
         return 2
     before = signal.signal(signal.SIGTERM, _leave)
     try:

@@ -52,10 +52,23 @@ async def test_the_tip_is_taught_from_a_white_frame_at_the_pixel_pointed_at(
     assert world.lights.log == [Light.WHITE]
     assert world.calibrations.require_probe().tip_px == (800.9, 621.7)
     assert world.calibrations.pose_map is None, "a map of the old tip is void"
-    told = {"in_force": "new", "probe": world.calibrations.fingerprint}
+    told = {"in_force": "new", "probe": world.calibrations.fingerprint, "void": ["map"]}
+    told["next"] = ["calibrate map", "calibrate rotation", "align", "calibrate surface"]
     assert ran.got.detail == {"what": "tip", "tip_px": [801.5, 622.0], **told}
     assert ran.events == [Event.ACCEPTED]
     assert world.gantry.moves == []
+
+
+async def test_what_a_new_tip_makes_void_is_told_with_what_to_do_next_and_what_stays_is_not(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ProbeModel, "teach", lambda *_pixels, **_named: probe_model())
+    world.teach().with_map().with_surface().with_alignment(world.true_pose)
+    ran = await run(world, PROCEDURES["calibrate"], TEACH)
+    assert ran.got.detail["void"] == ["map", "surface"]
+    assert ran.got.detail["next"] == ["calibrate map", "calibrate rotation", "calibrate surface"]
+    again = await run(world, PROCEDURES["calibrate"], TEACH)
+    assert again.got.detail["void"] == [], "they were void already"
 
 
 async def test_a_needle_that_was_taught_anew_has_no_tare_of_the_one_before(

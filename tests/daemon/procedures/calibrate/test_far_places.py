@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from daemon.config.model import BrushSection, ClearanceSection, ReferenceSection
+from daemon.config.sections.motion import ClearanceSection
+from daemon.config.sections.touching import BrushSection, ReferenceSection
 from daemon.domain.board import Board
 from daemon.domain.board_layers import Body
 from daemon.procedures.calibrate.far_places import FAR_COUNT, FAR_REACH_PX, FAR_UM, far_places, in_picture, may_stand

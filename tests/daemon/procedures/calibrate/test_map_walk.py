@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from daemon.config.model import BrushSection, Section
+from daemon.config.sections.base import Section
+from daemon.config.sections.touching import BrushSection
 from daemon.domain.board_layers import Body, Painting
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.states import Event

@@ -15,8 +15,9 @@ import pytest
 from daemon.domain.board_run import BoardRun, summarise
 from daemon.domain.point_test import Cause, PointRecord, PointVerdict, Rung
 from daemon.jobs import image_archive
+from daemon.storage.journal import Journal
 from daemon.tools.report.run_exports import to_csv, to_json_lines, to_junit
-from daemon.tools.report.run_facts import RunReport, caption_of, report_of
+from daemon.tools.report.run_facts import NoRun, RunReport, caption_of, read_run, report_of
 from daemon.tools.report.run_page import write_run
 from tests.daemon.domain.test_board_run import a_record, a_run
 
@@ -207,3 +208,22 @@ def test_the_junit_file_keeps_to_the_schema_and_its_counts_are_those_of_its_case
 def test_a_name_with_characters_that_xml_has_not_makes_no_broken_file() -> None:
     root = _parsed(to_junit(report_of(a_run(("A\x07<&>",)), [])))
     assert "A\N{REPLACEMENT CHARACTER}<&>" in root[0].findall("testcase")[0].attrib["name"]
+
+
+async def test_of_a_run_that_is_not_there_the_cure_is_one_of_those_that_are_or_to_make_the_first(
+    run: BoardRun, tmp_path: Path
+) -> None:
+    """To answer "the newest" with "there is none, name the newest" leads round in a circle."""
+    file = tmp_path / "journal.sqlite"
+    journal = await Journal.open(file)
+    try:
+        with pytest.raises(NoRun) as caught:
+            read_run(file, "last")
+        assert "`reprobe run " in caught.value.advice
+        assert "last" not in caught.value.advice
+        await journal.runs.begin(run)
+        with pytest.raises(NoRun, match=run.id) as caught:
+            read_run(file, "nil")
+        assert "`last`" in caught.value.advice
+    finally:
+        await journal.close()

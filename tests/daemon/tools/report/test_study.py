@@ -141,6 +141,65 @@ def test_landings_are_not_thrown_away_for_a_station_that_takes_no_more(
     assert not (tmp_path / "few.html").exists()
 
 
+def test_landings_are_not_thrown_away_for_ctrl_c_and_the_head_stops(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun: list[str] = []
+    cancelled: list[str] = []
+
+    class Interrupted(_Station):
+        def job(self, op: str, **fields: Any) -> JobResult:
+            begun.append(fields["job_id"])
+            if self.looks == self.fails_from - 1:
+                raise KeyboardInterrupt
+            return super().job(op, **fields)
+
+        def request(self, op: str, **fields: Any) -> dict[str, Any]:
+            if op == "cancel":
+                cancelled.append(fields["id"])
+            return super().request(op)
+
+    monkeypatch.setattr(command, "Client", Interrupted)
+    made = CliRunner().invoke(app, ["study", "TP7", "--times", "20", "-o", str(tmp_path / "study.html")])
+    assert made.exit_code == 1
+    assert "only 11 of 20 landings are in it; the next one: it was interrupted" in made.output
+    assert len(Study.model_validate_json((tmp_path / "study.json").read_text()).dx_um) == 11
+    assert cancelled == begun[-1:]
+    monkeypatch.setattr(_Station, "fails_from", 9)
+    few = CliRunner().invoke(app, ["study", "TP7", "--times", "20", "-o", str(tmp_path / "few.html")])
+    assert (few.exit_code, "interrupted" in few.output) == (1, True)
+    assert not (tmp_path / "few.html").exists()
+
+
+@pytest.mark.parametrize("what", ["a folder", "below a file", "numbers", "another's numbers"])
+def test_a_page_that_cannot_be_written_or_would_replace_another_file_is_refused_before_the_first_landing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, what: str
+) -> None:
+    (tmp_path / "folder.html").mkdir()
+    (tmp_path / "board.json").write_text('{"name": "b"}')
+    page = {"a folder": "folder.html", "below a file": "board.json/x.html", "numbers": "board.json",
+            "another's numbers": "board.html"}[what]  # fmt: skip
+    monkeypatch.setattr(command, "Client", None)
+    refused = CliRunner().invoke(app, ["study", "TP7", "-o", str(tmp_path / page)])
+    assert refused.exit_code == 2, refused.output
+    assert "-o" in refused.output
+    assert (tmp_path / "board.json").read_text() == '{"name": "b"}'
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["board.json", "folder.html"]
+
+
+def test_what_has_no_end_is_null_for_machines(tmp_path: Path) -> None:
+    still = _study(1.0).model_copy(update={"dx_um": (1.0,) * 10, "dy_um": (1.0,) * 10})
+    write_study(still, tmp_path / "study.html")
+    drawn = CliRunner().invoke(
+        app, ["study", "--redraw", str(tmp_path / "study.json"), "-o", str(tmp_path / "study.html"), "--json"]
+    )
+
+    def refuse(constant: str) -> None:
+        raise AssertionError(f"{constant} is no JSON")
+
+    assert json.loads(drawn.stdout, parse_constant=refuse)["x"]["cg"] is None
+
+
 def test_numbers_in_which_a_landing_lacks_its_y_are_refused_in_words(tmp_path: Path) -> None:
     whole = _study(1.0, 0.0).model_dump(mode="json")
     (tmp_path / "s.json").write_text(json.dumps(whole | {"dx_um": [*whole["dx_um"], 1.0]}))

@@ -1,0 +1,148 @@
+"""What the eye says of a touch, from where it looks, and what a look vouches for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from daemon.domain.errors import Fault, FaultCode
+from daemon.domain.point_test import PointVerdict, Rung
+from daemon.procedures import rungs
+from daemon.procedures.point_under_test import PointUnderTest
+from daemon.procedures.registry import PROCEDURES
+from daemon.station.station import LookResult
+from daemon.storage.calibration_records import Seat
+from drivers.gantry import Position
+from tests.daemon.procedures.fake_probing import (
+    INF,
+    RADIUS_UM,
+    Line,
+)
+from tests.daemon.procedures.fake_station import registered, run
+from vision.registration import NotRegistered, Refusal, Registration
+
+
+async def test_that_no_board_is_seen_is_one_points_verdict_and_at_two_in_a_row_the_end(line: Line) -> None:
+    def unseen(look: LookResult) -> LookResult:
+        board = look.board
+        gone = NotRegistered(Refusal.NO_BOARD, "the red picture is one dark plane", None)
+        return look if board is None else replace(look, board=replace(board, found=gone))
+
+    line.world.station.always = unseen
+    line.films["A"] = line.films["B"] = (99, INF)
+    record = await line.probe("A", job_id="one")
+    assert record.verdict is PointVerdict.CONTACT_NOT_MADE
+    assert "one dark plane" in record.reason
+    with pytest.raises(Fault) as caught:
+        await line.probe("B", job_id="two")
+    assert caught.value.kind is FaultCode.NO_BOARD
+    assert line.descents_onto("B") == 1
+
+
+async def test_what_cannot_be_seen_from_one_side_is_looked_at_from_another(line: Line) -> None:
+    def poor(look: LookResult) -> LookResult:
+        board = look.board
+        poorly = NotRegistered(Refusal.NOT_THIS_BOARD, "0.41 of it agrees at best", None)
+        from_here = abs(look.position.theta_deg) < 1.0
+        return look if board is None or not from_here else replace(look, board=replace(board, found=poorly))
+
+    line.world.station.always = poor
+    line.films["A"] = (2, INF)
+    record = await line.probe("A")
+    assert record.verdict is PointVerdict.PASS_RECOVERED
+    turned = line.world.gantry.reported.theta_deg % 360.0
+    assert turned == pytest.approx(180.0)
+    line.world.station.always = lambda look: look
+
+
+async def test_a_picture_that_mostly_agrees_is_looked_at_from_a_step_aside(line: Line) -> None:
+    refused: list[Position] = []
+
+    def hidden(look: LookResult) -> LookResult:
+        board = look.board
+        if board is None or (refused and look.position != refused[0]):
+            return look
+        refused.append(look.position)
+        best = registered((0.0, 0.0), (0.0, 0.0), (0.0, 0.0), agreement=0.8)
+        found = NotRegistered(Refusal.NOT_THIS_BOARD, "0.88 of its metal is seen (0.91 needed)", best)
+        return replace(look, board=replace(board, found=found))
+
+    line.world.station.always = hidden
+    line.misses_um = [(RADIUS_UM + 100.0, 0.0)]
+    record = await line.probe("A", theta_deg=0.0)
+    assert record.verdict is PointVerdict.PASS_RECOVERED
+    assert refused
+
+
+@pytest.mark.parametrize(("agreement", "believed"), [(0.8, True), (0.7, False)])
+async def test_a_poor_view_of_a_way_astray_counts_at_a_verified_seat_where_enough_of_the_board_is_seen(
+    line: Line, agreement: float, believed: bool
+) -> None:
+    """Where not enough is seen, a look from a step aside says where the pad is."""
+
+    def poor(look: LookResult) -> LookResult:
+        board = look.board
+        if board is None or not isinstance(board.found, Registration):
+            return look
+        best = replace(board.found, agreement=agreement, metal_seen=0.88)
+        found = NotRegistered(Refusal.NOT_THIS_BOARD, "0.88 of its metal is seen (0.91 needed)", best)
+        return replace(look, board=replace(board, found=found))
+
+    line.world.with_head(line.world.true_head)
+    line.lay_in("SN-1", Seat(verified=True, places=4, agreement=0.9))
+    line.world.station.always = poor
+    line.misses_um = [(RADIUS_UM + 100.0, 0.0)]
+    record = await line.probe("A", theta_deg=0.0)
+    assert record.verdict is PointVerdict.PASS_RECOVERED
+    assert record.error_um == pytest.approx(RADIUS_UM + 100.0 if believed else 0.0, abs=20.0)
+
+
+async def test_what_names_no_net_is_touched_only_after_a_look(line: Line) -> None:
+    line.misses_um = [(RADIUS_UM + 100.0, 0.0)]
+    record = await line.probe("A", method="contact")
+    assert record.verdict is PointVerdict.PASS_FIRST
+    assert record.looks
+    assert record.error_um == pytest.approx(RADIUS_UM + 100.0, abs=20.0)
+
+
+async def test_an_angle_that_the_test_wants_is_kept_whatever_is_seen_from_it(line: Line) -> None:
+    def poor(look: LookResult) -> LookResult:
+        poorly = NotRegistered(Refusal.NOT_THIS_BOARD, "0.41 of it agrees at best", None)
+        return look if look.board is None else replace(look, board=replace(look.board, found=poorly))
+
+    line.world.station.always = poor
+    line.films["A"] = (2, INF)
+    record = await line.probe("A", theta_deg=0.0)
+    assert record.verdict is PointVerdict.CONTACT_NOT_MADE
+    assert all(target.theta_deg == 0.0 for target, _ in line.world.gantry.moves)
+
+
+async def test_a_point_that_was_recovered_has_the_pictures_of_the_miss_and_of_the_end(line: Line) -> None:
+    line.misses_um = [(RADIUS_UM + 100.0, 0.0)]
+    await line.probe("B")
+    ((first, last),) = line.looks
+    assert first is not None
+    assert last is not None
+    assert first.board is not None, "it shows the board, and so where the tip was"
+    assert first.position.x_um != last.position.x_um
+
+
+async def test_a_correction_that_was_begun_again_vouches_for_no_press_before_it(line: Line) -> None:
+    """It begins where the first one gave up, near the pad: that says nothing of where the needle was pressed."""
+    line.open_nets.add("NB")
+    line.misses_um = [(RADIUS_UM + 100.0, 0.0), (RADIUS_UM - 50.0, 0.0), (RADIUS_UM - 50.0, 0.0)]
+    line.without(servo=line.world.context.servo.model_copy(update={"max_moves": 1}))
+    seen: list[bool] = []
+
+    async def watched(rung: Rung, at: PointUnderTest) -> None:
+        await take(rung, at)
+        seen.append(at.attempts[0].seen)
+
+    take = rungs.take
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("daemon.procedures.probe_point.take", watched)
+        await run(line.world, PROCEDURES["probe"], {}, line.begin("B"))
+    assert seen
+    assert not any(seen)
+    assert line.told[-1].error_um is None
