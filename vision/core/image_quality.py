@@ -69,8 +69,8 @@ def measure_quality(bgr: Any, area_px: tuple[int, int, int, int] | None = None) 
     """Measure an image (H, W, 3) uint8, or the part (x, y, width, height) px of it.
 
     Levels, contrast, noise and focus are of the red channel where red leads (a red-lit image), else of the channels'
-    mean. Raises ValueError for an array of another shape or type and for an area that is smaller than 32 x 32 px or
-    leaves the image.
+    mean. Raises ValueError for an array of another shape or type and for an area that is smaller than 32 x 32 px,
+    not of whole pixels, or leaves the image.
     """
     part = _part(check_bgr(bgr), area_px)
     signal = red_signal(part)
@@ -93,7 +93,10 @@ def measure_quality(bgr: Any, area_px: tuple[int, int, int, int] | None = None) 
 
 
 def _part(image: Bgr, area_px: tuple[int, int, int, int] | None) -> Bgr:
-    x, y, width, height = area_px if area_px is not None else (0, 0, image.shape[1], image.shape[0])
+    asked = area_px if area_px is not None else (0, 0, image.shape[1], image.shape[0])
+    if not all(float(number).is_integer() for number in asked):
+        raise ValueError(f"area {area_px} is not of whole pixels; round it")
+    x, y, width, height = (int(number) for number in asked)
     if not (x >= 0 and y >= 0 and x + width <= image.shape[1] and y + height <= image.shape[0]):
         raise ValueError(f"area {area_px} leaves the frame of {image.shape[1]} x {image.shape[0]} px")
     if width < LEAST_SIDE_PX or height < LEAST_SIDE_PX:

@@ -148,6 +148,18 @@ def test_an_area_that_is_too_small_or_outside_is_refused(area: tuple[int, int, i
         measure_quality(np.zeros((64, 64, 3), np.uint8), area)
 
 
+@pytest.mark.parametrize(
+    "area", [(0.5, 0, 40, 40), (0, 0, 40.0, 40.1), (0, float("nan"), 40, 40), (0, 0, float("inf"), 40)]
+)
+def test_an_area_of_half_pixels_is_refused_and_one_of_whole_ones_is_measured_whatever_its_type(
+    area: tuple[float, ...],
+) -> None:
+    board = _frame(_board())
+    with pytest.raises(ValueError, match="whole pixels"):
+        measure_quality(board, area)  # type: ignore[arg-type]
+    assert measure_quality(board, (0.0, 0.0, 200.0, 100.0)) == measure_quality(board, (0, 0, 200, 100))
+
+
 @CALM
 @given(
     arrays(
