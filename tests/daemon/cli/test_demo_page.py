@@ -21,8 +21,9 @@ from daemon.tools.demo.settings import Places
 
 @pytest.fixture
 def as_the_command_sets_them() -> Iterator[None]:
-    """Signals end the command, as they do while it starts its processes."""
+    """Signals end the command, as they do while it starts its processes; Ctrl-C does as in a shell's foreground."""
     before = {number: signal.signal(number, demo._ENDING.ask) for number in ENDING}  # noqa: SLF001  # as `demo` does
+    before[signal.SIGINT] = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background ignores it
     yield
     for number, handler in before.items():
         signal.signal(number, handler)
