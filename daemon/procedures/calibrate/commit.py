@@ -23,16 +23,13 @@ from daemon.station.conditions import conditions_of
 from daemon.storage.calibration_history import stamp
 from daemon.storage.calibration_in_force import OF_THE_PROBE, InForce
 from daemon.storage.calibration_records import Record
+from daemon.wire.operations.jobs import AFTER_THE_TIP
 from vision import ProbeModel
 
 PAGE_WITHIN_S = 60.0
 PAGES_KEPT, PAGES_BYTES = 50, 200_000_000
 """Of each kind; any page is drawn again from its record by `reprobe calibrate page`."""
 NICER = 10
-AFTER_THE_TIP = {
-    "map": "calibrate map", "rotation": "calibrate rotation", "alignment": "align", "surface": "calibrate surface",
-}  # fmt: skip
-"""Kind of a calibration -> the operation that makes it, in the order in which they follow a taught tip."""
 _T = TypeVar("_T")
 _R = TypeVar("_R")
 log = structlog.get_logger(__name__)

@@ -33,6 +33,10 @@ LEAST_JOG_UM, LEAST_JOG_DEG = 5.0, 0.1
 """What is less an axis may leave undone."""
 MOST_HOLDS = 8
 """Presses of one point in which the needle is held for the tester."""
+AFTER_THE_TIP = {
+    "map": "calibrate map", "rotation": "calibrate rotation", "alignment": "align", "surface": "calibrate surface",
+}  # fmt: skip
+"""Kind of a calibration -> the operation that makes it, in the order in which they follow a taught tip."""
 
 
 class Correct(JobRequest):
