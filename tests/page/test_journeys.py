@@ -33,7 +33,7 @@ def _errors(tab: Any) -> list[str]:
 
 def _home(tab: Any) -> None:
     """Order homing. A late answer to what was pressed before may take the question's place: then it is asked again."""
-    from playwright.sync_api import TimeoutError as NotThere  # noqa: PLC0415  # collected without a browser, too
+    from playwright.sync_api import TimeoutError as NotThere  # collected without a browser, too
 
     for _ in range(12):
         with suppress(NotThere):
