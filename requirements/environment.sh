@@ -34,7 +34,7 @@ if [ -z "$python" ]; then
     stop "needs Python 3.11 to 3.13; found is $found" "$(apt "$packages")"
 fi
 
-# One whose Python is gone, too old or too new, or that was left half made, is made anew.
+# One whose Python is gone, too old or too new, or that was left half made, is made again.
 if [ -e "$venv" ] && ! { "$venv/bin/python" -c "$fits" && "$venv/bin/python" -m pip --version; } >/dev/null 2>&1; then
     echo "make: $venv is broken or of another Python; it is made anew"
     rm -rf "$venv"

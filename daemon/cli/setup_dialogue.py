@@ -46,7 +46,7 @@ class Dialogue:
     def fill_in(self, form: Callable[[], None]) -> None:
         """Have a form's questions answered; who goes back by one sees the answers before it, and is asked that one.
 
-        The form is begun anew for that, so it may do nothing that must not be done twice. Raises `Back` from the first.
+        The form begins again for that, so it may do nothing that must not be done twice. Raises `Back` from the first.
         """
         again: list[str] = []
         while True:

@@ -17,8 +17,9 @@ from vision.tip.strip import RIM_CLEARANCE_PX, ProbeStrip
 
 BEYOND_PX: Final = 60
 """A strip for the end reaches this far beyond the click."""
-OFF_PX: Final = 2.75
-"""A click may be off by so much: a hand on a screen is by a pixel or two, and the picture tells of the end to one."""
+OFF_PX: Final = 3.65
+"""A click may be this far from the end that is seen: a hand is off by 2.5 px at most, and the end of a turned crown is
+seen 1.1 px short."""
 WIDTH_SHARE, LEVEL_QUANTILE = 0.6, 0.75
 """The end is looked for within this share of the needle's half width; its level and that beyond are this quantile."""
 FARTHEST: Final = 0.9

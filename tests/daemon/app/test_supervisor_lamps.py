@@ -1,4 +1,4 @@
-"""A lamp that shines at rest is found, whoever works or looks meanwhile."""
+"""A lamp that shines at rest is found, though others work or look meanwhile."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whoever is accused was proved guilty: by the net's other points, and by channels that read."""
+"""A net is accused only with proof: by its other points, and by channels that read."""
 
 from __future__ import annotations
 

@@ -60,6 +60,6 @@ async def test_a_tare_of_another_needle_meter_or_pad_is_taken_off_no_value(line:
         line.world.teach(tip_px=(500.0, 500.0))
     assert tare_of(line.world.context, line.world.station.needle.health) is None
     line.open_nets.clear()
-    if changed != "needle":  # who teaches it anew calibrates the map, too
+    if changed != "needle":  # after another needle is taught the map is calibrated, too
         reading = (await line.probe("B", job_id="two")).readings[-1]
         assert (reading.value, reading.tare_ohm) == (UNTARED, None)

@@ -172,7 +172,7 @@ async def test_a_tester_that_says_nothing_to_the_end_has_not_tested(line: Line) 
 
 
 async def test_a_lift_without_a_word_is_no_pass(line: Line) -> None:
-    """Whoever wants the needle up, for whatever reason, has measured nothing."""
+    """A lift without a word, for any reason, has measured nothing."""
     record = await _measured(line, {})
     assert record.verdict is PointVerdict.NOT_TESTED
 

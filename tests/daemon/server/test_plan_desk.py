@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
@@ -23,13 +22,6 @@ from tests.daemon.procedures.fake_station import EXAMPLE
 
 CALLER = Caller("tester-1", "maintain", "tester-1")
 TEXT = '[plan]\nboard = "demo"\n[[point]]\nnet = "VCC"\nhigh = "5 ohm"\n'
-
-
-@pytest.fixture
-async def journal(tmp_path: Path) -> AsyncIterator[Journal]:
-    opened = await Journal.open(tmp_path / "journal.sqlite")
-    yield opened
-    await opened.close()
 
 
 @pytest.fixture

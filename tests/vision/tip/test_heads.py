@@ -109,7 +109,7 @@ def test_a_click_a_little_before_the_end_is_refused_too(head: str | int) -> None
 
 
 @pytest.mark.parametrize("head", ["round_thick", "cup_on_cone", "crown_turned", "long_head", 0, 2])
-@pytest.mark.parametrize("off_px", [-1.5, 1.5])
+@pytest.mark.parametrize("off_px", [-2.5, 2.5])
 def test_a_hand_that_is_off_by_a_little_teaches(head: str | int, off_px: float) -> None:
     assert taught_off(head, off_px)
 
