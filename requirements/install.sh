@@ -10,9 +10,12 @@ while sleep "${EVERY_S:-20}" >/dev/null 2>&1 && kill -0 $$ 2>/dev/null; do # it 
     printf 'make: pip goes on, %s s: %s\n' "$(($(date +%s) - began))" "$(tail -n 1 "$said" | cut -c 1-80)"
 done &
 telling=$!
-trap 'kill "$telling" 2>/dev/null; rm -f "$said"' EXIT
+"$python" -m pip install --disable-pip-version-check --retries 2 --timeout 20 "$@" >"$said" 2>&1 &
+pip=$!
+trap 'kill "$telling" "$pip" 2>/dev/null; rm -f "$said"' EXIT
 trap 'exit 130' INT
-if "$python" -m pip install --disable-pip-version-check --retries 2 --timeout 20 "$@" >"$said" 2>&1; then
+trap 'exit 143' TERM HUP
+if wait "$pip"; then # not in the foreground: told to end, this one ends pip as well
     grep '^Successfully' "$said" | cut -c 1-100
     exit 0
 fi

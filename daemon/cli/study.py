@@ -96,6 +96,8 @@ def study(
 
 def _refuse_unwritable(page: Path, study_of: type[BaseModel]) -> None:
     """End before the first landing where page or numbers could not be written, or would replace what is no study."""
+    if not page.name:
+        fail("-o names no file", advice="name the page: -o study.html", code=USAGE)
     numbers = page.with_suffix(".json")
     if page == numbers:
         fail(f"{page} is where the numbers go", advice=f"name the page: -o {page.with_suffix('.html')}", code=USAGE)

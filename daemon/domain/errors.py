@@ -140,7 +140,7 @@ class FaultCode(Enum):
         "see that the board lies in its nest, then `align`; if it does, `home`: an axis may have lost steps",
     )
     CALIBRATION_FAILED = _Kind(
-        3103, "the calibration was refused; the old one stays", "do what the message says, then `calibrate` again"
+        3103, "the calibration was refused; the old one stays", "do what the message says, then that calibration again"
     )
     MOTION_FAILED = _Kind(
         3201,

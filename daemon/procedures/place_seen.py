@@ -67,7 +67,9 @@ def too_far_um(context: StationContext, away_um: float) -> float | None:
 def _beside(context: StationContext, point: BoardPoint, beside_um: float) -> Fault:
     most_um = context.servo.first_landing_um
     why = f"{point.name} was seen {beside_um:.0f} um beside the tip (servo.first_landing_um: {most_um:g})"
-    return Fault(FaultCode.NOT_AT_TEST_POINT, why)
+    return Fault(
+        FaultCode.NOT_AT_TEST_POINT, why, advice="send `correct` for it; where more lie so far off, `align` first"
+    )
 
 
 def _unconfirmed(why: Fault) -> dict[str, Any]:

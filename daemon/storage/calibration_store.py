@@ -219,27 +219,30 @@ class Calibrations:
         """Return the taught probe or say that there is none."""
         now = self.in_force
         if now.probe is None:
-            raise _missing(now, "probe", "the probe's tip has not been taught")
+            raise Fault(FaultCode.NOT_CALIBRATED, _why(now, "probe", "the probe's tip has not been taught"))
         return now.probe
 
     def require_map(self, max_age_days: float, work_z_um: float) -> PoseMap:
         """Return the pose map if it is there, young enough and made at this working height."""
         now = self.in_force
         if now.pose_map is None or now.mapped_at is None:
-            raise _missing(now, "map", "the map from image to robot has not been calibrated")
+            raise _no_map(_why(now, "map", "the map from image to robot has not been calibrated"))
         age = datetime.now(UTC) - datetime.fromisoformat(now.mapped_at)
         if age.total_seconds() > max_age_days * 86400:
-            raise Fault(FaultCode.NOT_CALIBRATED, f"the map is {age.days} days old", made_at=now.mapped_at)
+            raise _no_map(f"the map is {age.days} days old", made_at=now.mapped_at)
         if abs(now.pose_map.work_z_um - work_z_um) > 1.0:
-            raise Fault(
-                FaultCode.NOT_CALIBRATED, "the map was made at another working height", was=now.pose_map.work_z_um
-            )
+            raise _no_map("the map was made at another working height", was=now.pose_map.work_z_um)
         return now.pose_map
 
 
-def _missing(now: InForce, what: str, fact: str) -> Fault:
+def _why(now: InForce, what: str, fact: str) -> str:
     why = now.problems.get(what)
-    return Fault(FaultCode.NOT_CALIBRATED, f"{fact}: {why}" if why else fact)
+    return f"{fact}: {why}" if why else fact
+
+
+def _no_map(message: str, **detail: object) -> Fault:
+    """Return that the map alone is wanted: a tip that is taught stays."""
+    return Fault(FaultCode.NOT_CALIBRATED, message, advice="`calibrate map`", **detail)
 
 
 def _write_probe(model: ProbeModel, path: Path) -> None:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -135,6 +137,26 @@ def test_while_pip_is_silent_a_line_says_that_it_goes_on(tmp_path: Path) -> None
         *_, last = installing.stdout
     assert told.startswith("make: pip goes on, ")
     assert (last, installing.returncode) == ("Successfully installed numpy\n", 0)
+
+
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGHUP])
+def test_told_to_end_it_ends_pip_and_leaves_no_file(tmp_path: Path, how: signal.Signals) -> None:
+    pip = _script(tmp_path / "python", f"#!/bin/sh\necho $$ >{tmp_path}/pid\nexec sleep 600\n")
+    temporary = tmp_path / "tmp"
+    temporary.mkdir()
+    with subprocess.Popen(
+        ["/bin/sh", str(INSTALL), str(pip), "-r", "x"], env={**os.environ, "TMPDIR": str(temporary), "EVERY_S": "0.1"},
+        stdout=subprocess.PIPE, text=True,
+    ) as installing:  # fmt: skip
+        assert installing.stdout is not None
+        next(line for line in installing.stdout if (tmp_path / "pid").exists() and (tmp_path / "pid").read_text())
+        installing.send_signal(how)
+        assert installing.wait(60.0) == 128 + signal.SIGTERM
+    with pytest.raises(ProcessLookupError):  # noqa: PT012  # asked until it is gone
+        while True:
+            os.kill(int((tmp_path / "pid").read_text()), 0)
+            time.sleep(0.02)
+    assert list(temporary.iterdir()) == []
 
 
 @pytest.mark.parametrize("lacking", ["", "3.12 aarch64", "3.13 x86_64"])

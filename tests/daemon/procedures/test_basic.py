@@ -127,7 +127,7 @@ async def test_a_place_on_a_station_without_a_map_says_that_nobody_saw_it_and_wh
     told = (await run(world, PROCEDURES["place"], {"op": "place", "test_point": "A"})).got.detail
     assert told["confirmed_by"] == "drives"
     assert "map from image to robot" in told["unconfirmed"]["message"]
-    assert "`calibrate map`" in told["unconfirmed"]["advice"]
+    assert told["unconfirmed"]["advice"] == "`calibrate map`", "its tip is taught"
     world.with_map()
     again = (await run(world, PROCEDURES["place"], {"op": "place", "test_point": "A"})).got.detail
     assert "unconfirmed" not in again

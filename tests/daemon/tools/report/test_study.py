@@ -171,16 +171,16 @@ def test_landings_are_not_thrown_away_for_ctrl_c_and_the_head_stops(
     assert not (tmp_path / "few.html").exists()
 
 
-@pytest.mark.parametrize("what", ["a folder", "below a file", "numbers", "another's numbers"])
+@pytest.mark.parametrize("what", ["a folder", "below a file", "numbers", "another's numbers", "nothing"])
 def test_a_page_that_cannot_be_written_or_would_replace_another_file_is_refused_before_the_first_landing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, what: str
 ) -> None:
     (tmp_path / "folder.html").mkdir()
     (tmp_path / "board.json").write_text('{"name": "b"}')
     page = {"a folder": "folder.html", "below a file": "board.json/x.html", "numbers": "board.json",
-            "another's numbers": "board.html"}[what]  # fmt: skip
+            "another's numbers": "board.html", "nothing": ""}[what]  # fmt: skip
     monkeypatch.setattr(command, "Client", None)
-    refused = CliRunner().invoke(app, ["study", "TP7", "-o", str(tmp_path / page)])
+    refused = CliRunner().invoke(app, ["study", "TP7", "-o", str(tmp_path / page) if page else ""])
     assert refused.exit_code == 2, refused.output
     assert "-o" in refused.output
     assert (tmp_path / "board.json").read_text() == '{"name": "b"}'
