@@ -153,6 +153,7 @@ def _run(places: Places, read: Board, wish: Bench, points: int, *, page: bool) -
         with running(places, read, wish, _ENDING.held) as station, _beside(places, wanted=page) as beside:
             session = Session(station.client, station.bench, read, wish.seed, tell)
             session.set_up()
+            session.show_the_eye()
             session.calibrate_fully(ROTATION_ANGLES, BOARD_ID)
             tested = _test(places, read, station, points, tell)
             if beside is not None:

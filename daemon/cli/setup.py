@@ -117,33 +117,36 @@ def _walk(steps: Sequence[Step], done_before: Sequence[str], guided: Setup, daem
             guided.dialogue.say(f"== {title}: done before")
         else:
             try:
-                done = do_step(step, title, guided, daemon)
+                done = do_step(step, title, guided, daemon, first=number == 0)
             except Back:
-                number, gone_back = max(0, number - 1), True
+                number, gone_back = number - 1, True
                 continue
             skipped = skipped - {step.name} if done else skipped | {step.name}
         number, gone_back = number + 1, False
     return [step.name for step in steps if step.name in skipped]
 
 
-def do_step(step: Step, title: str, guided: Setup, daemon: Daemon) -> bool:
-    """Do one step, again as long as the person wants; return whether it is done. Raises `Back` to the one before."""
-    form = step.of_file is not None
-    choice = guided.dialogue.before(title, step.moves, form=form)
+def do_step(step: Step, title: str, guided: Setup, daemon: Daemon, *, first: bool = False) -> bool:
+    """Do one step, again as long as the person wants; return whether it is done.
+
+    Raises `Back` to the one before, if it is not the first. What the station did is not gone back behind.
+    """
+    back = step.of_file is not None and not first
+    choice = guided.dialogue.before(title, step.moves)
     failed = False
     while choice == "go":
         try:
             if failed and step.of_station is not None:
                 station_steps.recover(guided, daemon, HOMING)
             if step.of_file is not None:
-                guided.dialogue.fill_in(partial(step.of_file, guided))
+                guided.dialogue.fill_in(partial(step.of_file, guided), back=back)
             if step.of_station is not None:
                 step.of_station(guided, daemon)
             guided.dialogue.notes.note_done(step.name)
             return True
         except StepFailed as failure:
             failed = True
-            choice = guided.dialogue.after_failure(failure, form=form)
+            choice = guided.dialogue.after_failure(failure, back=back)
     if choice == "quit":
         raise Quit
     guided.dialogue.say("Skipped.")

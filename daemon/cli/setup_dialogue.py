@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable, Sequence
-from typing import Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
 from daemon.cli.formatting import as_commands
 from daemon.cli.output import out
@@ -42,13 +43,18 @@ class Dialogue:
         """Answers in the form under way; None: there is none, and nothing to go back in."""
         self._again: list[str] = []
         """Answers that are given once more without being asked for."""
+        self._found: dict[str, Any] = {}
+        """What a form under way has found out; who goes back in it need not wait for that twice."""
+        self._can_leave = self._told_back = False
 
-    def fill_in(self, form: Callable[[], None]) -> None:
+    def fill_in(self, form: Callable[[], None], *, back: bool = True) -> None:
         """Have a form's questions answered; who goes back by one sees the answers before it, and is asked that one.
 
-        The form begins again for that, so it may do nothing that must not be done twice. Raises `Back` from the first.
+        The form begins again for that, so it may do nothing that must not be done twice. From the first question
+        `Back` is raised, if `back`: there is a step before.
         """
         again: list[str] = []
+        self._found, self._can_leave, self._told_back = {}, back, False
         while True:
             self._given, self._again = [], again
             try:
@@ -61,6 +67,12 @@ class Dialogue:
                 return
             finally:
                 self._given, self._again = None, []
+
+    def once(self, key: str, find_out: Callable[[], T]) -> T:
+        """Return what is found out, in this form at most once for a key; what cannot be found is tried again."""
+        if key not in self._found:
+            self._found[key] = find_out()
+        return self._found[key]  # type: ignore[no-any-return]  # what `find_out` returned
 
     def say(self, text: str) -> None:
         """Print a text as it is."""
@@ -101,36 +113,43 @@ class Dialogue:
         if self._line("Enter: move, q: end here > ").lower() == "q":
             raise Quit
 
-    def yes(self, question: str, *, default: bool = True) -> bool:
-        """Ask for yes or no."""
+    def yes(self, question: str, *, key: str | None = None, default: bool = True) -> bool:
+        """Ask for yes or no; with a key, what was answered the last time is offered."""
+        before = self.notes.answer(key) if key is not None else None
+        offered = default if before is None else before == "y"
         while True:
-            said = self._answer(f"{question} [{'Y/n' if default else 'y/N'}] > ").lower()
+            said = self._answer(f"{question} [{'Y/n' if offered else 'y/N'}] > ").lower()
             if said in ("", "y", "yes", "n", "no"):
-                self._keep(said)
-                return default if not said else said[0] == "y"
+                break
+            self._again.clear()
             self.say("  answer y or n")
+        answer = offered if not said else said[0] == "y"
+        if key is not None:
+            self.notes.note_answer(key, "y" if answer else "n")
+        self._keep("y" if answer else "n")
+        return answer
 
-    def before(self, title: str, moves: str | None, *, form: bool = False) -> Choice:
-        """Say what a step is and what it moves, and ask where something moves; in a form it can be gone back."""
+    def before(self, title: str, moves: str | None) -> Choice:
+        """Say what a step is and what it moves, and ask where something moves."""
         self.say(f"\n== {title}")
         if moves is None:
-            self.say(f"Nothing moves.{f' {BACK} as an answer goes back to the question before.' if form else ''}")
+            self.say("Nothing moves.")
             return "go"
         self.say(f"THIS MOVES: {moves}")
         self.say("Keep the emergency stop at hand; Ctrl-C stops the head.")
         return self._choice("Enter: go on, s: skip this step, q: end here", "go")
 
-    def after_failure(self, failure: StepFailed, *, form: bool = False) -> Choice:
-        """Tell why a step failed, and ask what now; `go` tries it again. Raises `Back` to the step before a form."""
+    def after_failure(self, failure: StepFailed, *, back: bool = False) -> Choice:
+        """Tell why a step failed, and ask what now; `go` tries it again. If `back`, `Back` may be raised."""
         self.say(f"This did not work: {as_commands(str(failure))}")
         self.say(f"  -> {as_commands(failure.advice)}")
-        back = f", {BACK}: the step before" if form else ""
-        return self._choice(f"Enter: try again, s: skip this step, q: end here{back}", "go", form=form)
+        before = f", {BACK}: the step before" if back else ""
+        return self._choice(f"Enter: try again, s: skip this step, q: end here{before}", "go", back=back)
 
-    def _choice(self, question: str, default: Choice, *, form: bool = False) -> Choice:
+    def _choice(self, question: str, default: Choice, *, back: bool = False) -> Choice:
         answers: dict[str, Choice] = {"": default, "s": "skip", "q": "quit"}
         while (said := self._line(f"{question} > ").lower()) not in answers:
-            if form and said == BACK:
+            if back and said == BACK:
                 raise Back
             self.say("  press Enter, s or q")
         return answers[said]
@@ -141,9 +160,14 @@ class Dialogue:
             said = self._again.pop(0)
             self.say(f"{question}{said}")
             return said
-        said = self._line(question)
-        if said == BACK and self._given is not None:
-            raise Back
+        can_go_back = self._given is not None and (self._can_leave or bool(self._given))
+        if can_go_back and not self._told_back:
+            self.say(f"({BACK} as an answer goes back to the question before.)")
+            self._told_back = True
+        while (said := self._line(question)) == BACK and self._given is not None:
+            if can_go_back:
+                raise Back
+            self.say("  there is no question before this one")
         return said
 
     def _keep(self, said: str) -> None:
@@ -166,9 +190,26 @@ def number(low: float, high: float, unit: str) -> Callable[[str], float]:
         try:
             value = float(said)
         except ValueError:
-            raise ValueError(f"{said!r} is no number; write it alone, with a point, in {unit}") from None
+            value = math.nan
+        if not math.isfinite(value):
+            raise ValueError(f"{said!r} is no number; write it alone, with a point, in {unit}")
         if not low <= value <= high:
             raise ValueError(f"{value:g} {unit} is not between {low:g} and {high:g}")
+        return value
+
+    return check
+
+
+def whole(low: int, high: int, what: str) -> Callable[[str], int]:
+    """Return a check for a whole number within limits; `what` it is, with its article."""
+
+    def check(said: str) -> int:
+        try:
+            value = int(said)
+        except ValueError:
+            raise ValueError(f"{said!r} is not {what}: a whole number") from None
+        if not low <= value <= high:
+            raise ValueError(f"{value} is not {what}: those are {low} to {high}")
         return value
 
     return check

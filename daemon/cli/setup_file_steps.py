@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import math
+import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from daemon.cli.setup_dialogue import Dialogue, StepFailed, number, text
+from daemon.cli.setup_dialogue import Dialogue, StepFailed, number, text, whole
 from daemon.config.model import ConfigError, load_config, unlikely
 from daemon.config.problems import told
 from daemon.config.sections.devices import BusSection
@@ -15,6 +18,7 @@ from daemon.domain.board import Board
 from daemon.platform.atomic_file import replace_whole
 from daemon.tools.board_import import Options, import_board
 from daemon.tools.setup import (
+    Answering,
     cameras,
     increments_per_unit,
     read_value,
@@ -38,8 +42,23 @@ class Setup:
     dialogue: Dialogue
 
     def text(self) -> str:
-        """Return the configuration as it is so far; a new one begins as the example."""
-        return self.file.read_text(encoding="utf-8-sig") if self.file.exists() else example()
+        """Return the configuration as it is so far; a new one begins as the example. `StepFailed` for a damaged one."""
+        if not self.file.exists():
+            return example()
+        try:
+            content = self.file.read_text(encoding="utf-8-sig")
+            tomllib.loads(content)
+        except (OSError, ValueError, RecursionError) as exc:
+            raise StepFailed(
+                f"{self.file} cannot be read: {exc}", "mend it, or move it away to begin a new one; then try again"
+            ) from exc
+        return content
+
+    def number_at(self, path: str, otherwise: float) -> float:
+        """Return a number of the file as it is so far; `otherwise` where there is none."""
+        now = read_value(self.text(), path)
+        is_number = isinstance(now, int | float) and not isinstance(now, bool) and math.isfinite(now)
+        return float(now) if is_number else otherwise
 
     def write(self, values: dict[str, Value]) -> None:
         """Put values into the file; everything else in it stays."""
@@ -56,7 +75,7 @@ class Setup:
 
     def ask_number(self, path: str, question: str, unit: str, low: float, high: float, scale: float = 1.0) -> float:
         """Ask for a value of the file in a unit that people use; return it in the file's, which is `scale` times it."""
-        now = float(read_value(self.text(), path) or 0.0) / scale
+        now = self.number_at(path, 0.0) / scale
         return self.dialogue.ask(path, f"{question}, {unit}", f"{now:g}", number(low, high, unit)) * scale
 
 
@@ -76,9 +95,13 @@ def find_drives(setup: Setup) -> None:
     port = port if gateway else _device(port)
     host, _, tcp_port = port.partition(":")
     section = BusSection(host=host, tcp_port=int(tcp_port)) if gateway else BusSection(port=port)
-    dialogue.say("Asking every address at every speed and parity; that takes up to a minute, and only reads ...")
+
+    def ask_all() -> Answering | None:
+        dialogue.say("Asking every address at every speed and parity; that takes up to a minute, and only reads ...")
+        return asyncio.run(who_answers(section))
+
     try:
-        found = asyncio.run(who_answers(section))
+        found = dialogue.once(port, ask_all)
     except DeviceError as failure:
         raise StepFailed(str(failure), failure.advice) from failure
     if found is None:
@@ -100,7 +123,9 @@ def find_drives(setup: Setup) -> None:
             f"axes.{axis}.address", f"Address of the drive of {axis}", str(address), _one_of(found.drives)
         )
     relay = str(found.others[0]) if found.others else "5"
-    values["lights.address"] = dialogue.ask("lights.address", "Address of the lamps' relay board", relay, _address)
+    values["lights.address"] = dialogue.ask(
+        "lights.address", "Address of the lamps' relay board", relay, whole(1, 255, "an address")
+    )
     setup.write(values)
 
 
@@ -120,17 +145,14 @@ def _one_of(addresses: tuple[int, ...]) -> Callable[[str], int]:
     return check
 
 
-def _address(said: str) -> int:
-    return int(number(1, 255, "(an address)")(said))
-
-
 def mechanics(setup: Setup) -> None:
     """Ask for travel, lead and switches of each axis, and for heights."""
     values: dict[str, Value] = {}
     for axis in AXES:
         unit, scale, most = ("degrees", 1.0, 1000.0) if axis == "theta" else ("mm", 1000.0, 5000.0)
         setup.dialogue.say(f"Axis {axis}:")
-        now = increments_per_unit(1.0) / float(read_value(setup.text(), f"axes.{axis}.increments_per_unit")) / scale
+        per_unit = setup.number_at(f"axes.{axis}.increments_per_unit", 0.0) or increments_per_unit(scale)
+        now = increments_per_unit(1.0) / per_unit / scale
         turn = setup.dialogue.ask(
             f"axes.{axis}.turn", f"  travel with one turn of the motor, {unit}", f"{now:.6g}", number(0.01, 1000, unit)
         )
@@ -138,8 +160,10 @@ def mechanics(setup: Setup) -> None:
         for key, what in (("minimum", "lowest coordinate"), ("maximum", "highest coordinate"),
                           ("homing_position", "coordinate of the homing switch")):  # fmt: skip
             values[f"axes.{axis}.{key}"] = setup.ask_number(f"axes.{axis}.{key}", f"  {what}", unit, -most, most, scale)
-        method = setup.ask_number(f"axes.{axis}.homing_method", f"  homing method ({HOMING})", "(a number)", -128, 127)
-        values[f"axes.{axis}.homing_method"] = int(method)
+        path = f"axes.{axis}.homing_method"
+        values[path] = setup.dialogue.ask(
+            path, f"  homing method ({HOMING})", f"{setup.number_at(path, 0):g}", whole(-128, 127, "a homing method")
+        )
     setup.dialogue.say("Heights of the needle's end, and the head:")
     for path, what in (("gantry.safe_z_um", "free of every part"), ("gantry.work_z_um", "where it looks from"),
                        ("gantry.touch_z_um", "where it just touches the bare board")):  # fmt: skip
@@ -176,7 +200,7 @@ def board(setup: Setup) -> None:
         if source.is_dir() or source.suffix == ".zip":
             target = setup.file.parent / "board.json"
             side = setup.dialogue.ask("board.side", "Side that is probed (top or bottom)", "top", _side)
-            bare = setup.dialogue.yes("Is the board bare, without parts?", default=False)
+            bare = setup.dialogue.yes("Is the board bare, without parts?", key="board.bare", default=False)
             import_board(source, side, Options(bare=bare)).save(target)  # type: ignore[arg-type]
             said = target.name
         loaded = Board.load(setup.file.parent / said)
@@ -199,27 +223,28 @@ def _side(said: str) -> str:
 
 def meter(setup: Setup) -> None:
     """Ask for the instrument that measures through the needle; a station may have none."""
-    say, now = setup.dialogue.say, read_value(setup.text(), "meter")
+    say, there = setup.dialogue.say, read_value(setup.text(), "meter")
+    now: dict[str, Any] = there if isinstance(there, dict) else {}
     say("An instrument between needle and harness measures what the needle stands on. A station may be without one.")
-    if not setup.dialogue.yes("Is there one?", default=now is not None):
+    if not setup.dialogue.yes("Is there one?", default=there is not None):
         say("So your own tester measures: by `reprobe touch`, or over the wire by touch or probe (measure tester).")
         say(f"`reprobe probe` and `reprobe run` need one; `reprobe setup -c {setup.file} --only meter` adds it.")
-        if now is not None:
+        if there is not None:
             say(f"{setup.file} still has one: delete its table [meter] there by hand.")
         return
     address = setup.dialogue.ask(
-        "meter.address", "Its address, host:port or a serial port", str((now or {}).get("address", "")), _meter_address
+        "meter.address", "Its address, host:port or a serial port", str(now.get("address", "")), _meter_address
     )
     values: dict[str, Value] = {"meter.kind": "scpi", "meter.address": address}
     say("If the needle has a second wire that only metal joins to the first, contact can be proved.")
     proof = setup.dialogue.ask(
         "meter.contact_channel", "Scanner channel of that wire, or none",
-        str((now or {}).get("contact_channel", "none")), _channel,
+        str(now.get("contact_channel", "none")), _channel,
     )  # fmt: skip
-    if proof is not None or "contact_channel" in (now or {}):
+    if proof is not None or "contact_channel" in now:
         values["meter.contact_channel"] = proof
     setup.write(values)
-    if not (now or {}).get("channels"):
+    if not now.get("channels"):
         say(f"Write into [meter] of {setup.file} the scanner channel of each net: channels = {{ CLK = 101 }}")
     say(f"`reprobe doctor -c {setup.file}` asks whether it answers. A daemon that runs has to be restarted for it.")
 
@@ -230,7 +255,7 @@ def _meter_address(said: str) -> str:
 
 
 def _channel(said: str) -> int | None:
-    return None if said.lower() in ("none", "no", "-") else int(number(0, 1e6, "(a channel), or none")(said))
+    return None if said.lower() in ("none", "no", "-") else whole(0, 10**6, "a channel, or none")(said)
 
 
 def sockets(setup: Setup) -> None:

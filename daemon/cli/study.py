@@ -6,6 +6,7 @@ import asyncio
 import errno
 import math
 import uuid
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -103,10 +104,7 @@ def _refuse_unwritable(page: Path, study_of: type[BaseModel]) -> None:
         fail(f"{page} is where the numbers go", advice=f"name the page: -o {page.with_suffix('.html')}", code=USAGE)
     for file in (page, numbers):
         try:
-            if file.is_dir():
-                raise IsADirectoryError(errno.EISDIR, "it is a folder")
-            with written_beside(file, lambda _: None):
-                pass
+            _prove_writable(file)
         except OSError as exc:
             fail(f"{file} cannot be written: {exc.strerror}", advice="name another page with -o", code=USAGE)
     try:
@@ -115,6 +113,20 @@ def _refuse_unwritable(page: Path, study_of: type[BaseModel]) -> None:
     except (OSError, ValidationError):
         advice = "name another page with -o, or move that file away"
         fail(f"{numbers} is there and holds no study: the numbers would replace it", advice=advice, code=USAGE)
+
+
+def _prove_writable(file: Path) -> None:
+    """Raise OSError where a file could not be written; leave nothing behind, no folder either."""
+    if file.is_dir():
+        raise IsADirectoryError(errno.EISDIR, "it is a folder")
+    missing = [folder for folder in file.parents if not folder.exists()]
+    try:
+        with written_beside(file, lambda _: None):
+            pass
+    finally:
+        for folder in missing:
+            with suppress(OSError):
+                folder.rmdir()
 
 
 def _tell(found: dict[str, Capability], output: Path) -> None:

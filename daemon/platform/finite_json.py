@@ -18,8 +18,13 @@ def _finite(value: Any) -> Any:
         case float():
             return value if math.isfinite(value) else None
         case Mapping():
-            return {key: _finite(inner) for key, inner in value.items()}
+            return {_key(key): _finite(inner) for key, inner in value.items()}
         case list() | tuple():
             return [_finite(inner) for inner in value]
         case _:
             return value
+
+
+def _key(key: Any) -> Any:
+    """Return a key as it is; one that is no number, or has no end, by its name: a key cannot be null."""
+    return str(key) if isinstance(key, float) and not math.isfinite(key) else key

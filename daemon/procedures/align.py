@@ -19,6 +19,7 @@ from daemon.procedures.calibrate.commit import Began, keep, on_disk, tell_old
 from daemon.procedures.correct import sidestep_um
 from daemon.procedures.move_sequence import MoveSequence, shifted
 from daemon.procedures.seat import seat_points, seat_stop, see_seat
+from daemon.storage.alignment_void import Void
 from daemon.storage.calibration_records import Aligned, AlignmentLimits, AlignmentRecord, Seat
 from daemon.wire.operations.jobs import Align
 from drivers.gantry import Position
@@ -78,7 +79,7 @@ async def _begin(job: JobContext, context: StationContext, request: Align) -> No
 async def _void(context: StationContext, request: Align, how: str) -> None:
     which = f" of board {request.board_id}" if request.board_id is not None else ""
     why = f"the last alignment{which} (job {request.id[:64]}) {how}"
-    await on_disk(context.calibrations.void_alignment, why)
+    await on_disk(context.calibrations.void_alignment, Void(why, request.board_id))
 
 
 def _fiducials(request: Align, context: StationContext) -> list[BoardPoint]:

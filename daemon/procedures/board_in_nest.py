@@ -9,6 +9,7 @@ from __future__ import annotations
 from daemon.domain.errors import Fault, FaultCode
 from daemon.jobs.context import StationContext
 from daemon.procedures.calibrate.commit import on_disk
+from daemon.storage.alignment_void import Void
 
 
 async def require_board(context: StationContext, board_id: str | None) -> None:
@@ -18,7 +19,6 @@ async def require_board(context: StationContext, board_id: str | None) -> None:
         calibrations.require_board(context.board, board_id)
     except Fault as unaligned:
         if unaligned.kind is FaultCode.NOT_ALIGNED and calibrations.in_force.void is None:
-            await on_disk(
-                calibrations.void_alignment, f"board {board_id} was put into the nest and has not been aligned"
-            )
+            why = f"board {board_id} was put into the nest and has not been aligned"
+            await on_disk(calibrations.void_alignment, Void(why, board_id))
         raise

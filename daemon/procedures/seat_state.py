@@ -10,6 +10,7 @@ from daemon.domain.board import BoardPoint
 from daemon.domain.errors import Fault, FaultCode
 from daemon.jobs.context import StationContext
 from daemon.procedures.calibrate.commit import on_disk
+from daemon.storage.alignment_void import Void
 from daemon.storage.calibration_records import AlignmentRecord
 from vision.registration import LayerShifts
 
@@ -46,7 +47,7 @@ def limit_um(context: StationContext) -> float:
 async def void_seat(context: StationContext, why: str) -> None:
     """Believe no alignment any more, if there is a verified one: no correction is made before one passes."""
     if verified(context):
-        await on_disk(context.calibrations.void_alignment, why)
+        await on_disk(context.calibrations.void_alignment, Void(why))
 
 
 async def require_unique(context: StationContext, point: BoardPoint) -> None:

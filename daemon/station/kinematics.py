@@ -151,7 +151,7 @@ class Geometry:
         if in_force.void is not None:
             return Fault(
                 FaultCode.SURFACE_UNKNOWN,
-                f"no board has been aligned since the surface was measured: {in_force.void}",
+                f"no board has been aligned since the surface was measured: {in_force.void.why}",
                 advice="`align` the board in the nest, then `calibrate surface`",
             )
         if laid_in is not None and record.made_at < laid_in.made_at:

@@ -7,6 +7,7 @@ or not.
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 
 from daemon.platform.atomic_file import FOR_THE_GROUP, replace_whole
@@ -15,21 +16,32 @@ from daemon.platform.plain_file import read_small
 _FILE = "alignment.void.json"
 
 
-def void(folder: Path, made_at: str, why: str) -> None:
+@dataclass(frozen=True)
+class Void:
+    """Why the alignment is void, and which board lies in the nest now where somebody named it."""
+
+    why: str
+    board_id: str | None = None
+
+
+def write_void(folder: Path, made_at: str, void: Void) -> None:
     """Write down that the alignment of that moment, "" for none, is void; OSError if that is impossible."""
-    text = json.dumps({"made_at": made_at, "why": why})
+    text = json.dumps({"made_at": made_at, "why": void.why, "board_id": void.board_id})
     replace_whole(folder / _FILE, lambda path: path.write_text(text, encoding="utf-8"), FOR_THE_GROUP)
 
 
-def why_void(folder: Path, made_at: str) -> str | None:
+def read_void(folder: Path, made_at: str) -> Void | None:
     """Return why the alignment of that moment, "" for none, is void; None if it is not."""
     try:
         note = json.loads(read_small(folder / _FILE))
-        return str(note["why"]) if note["made_at"] == made_at else None
+        if note["made_at"] != made_at:
+            return None
+        board_id = note.get("board_id")
+        return Void(str(note["why"]), None if board_id is None else str(board_id))
     except FileNotFoundError:
         return None
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        return "whether it is void cannot be read"
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return Void("whether it is void cannot be read")
 
 
 def forget(folder: Path) -> None:

@@ -18,7 +18,7 @@ import structlog
 
 from daemon.domain.board import Board
 from daemon.platform.plain_file import read_small
-from daemon.storage.alignment_void import why_void
+from daemon.storage.alignment_void import Void, read_void
 from daemon.storage.calibration_conditions import Conditions, dated_in_the_future
 from daemon.storage.calibration_records import (
     MOST_BYTES,
@@ -57,7 +57,7 @@ class InForce:
     """Kind -> record."""
     problems: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     """Kind -> why its file is not used."""
-    void: str | None = None
+    void: Void | None = None
     """Why no correction may be made until the board is aligned; None if it may."""
 
     @property
@@ -108,9 +108,9 @@ class InForce:
             problems=_without(self.problems, "probe", *OF_THE_PROBE),
         )
 
-    def without_alignment(self, why: str) -> InForce:
+    def without_alignment(self, void: Void) -> InForce:
         """Return the same without the board's alignment, which is void."""
-        return replace(self, records=_without(self.records, "alignment"), void=why).with_problem("alignment", why)
+        return replace(self, records=_without(self.records, "alignment"), void=void).with_problem("alignment", void.why)
 
     def with_problem(self, what: str, why: str) -> InForce:
         """Return the same with a reason why a kind's file is not used."""
@@ -137,8 +137,8 @@ def read_in_force(folder: Path, station: str, conditions: Conditions | None = No
         found = _skip(found, "probe", exc)
     for what in KINDS:
         found = with_file(found, folder, what)
-    why = why_void(folder, _alignment_made_at(found))
-    return found.without_alignment(why) if why is not None else found
+    void = read_void(folder, _alignment_made_at(found))
+    return found.without_alignment(void) if void is not None else found
 
 
 def _alignment_made_at(found: InForce) -> str:

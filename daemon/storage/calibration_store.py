@@ -7,6 +7,7 @@ So a reader, a kill or a full disk between any two steps finds the old calibrati
 
 from __future__ import annotations
 
+import shlex
 import threading
 import zipfile
 from collections.abc import Mapping, Sequence
@@ -21,6 +22,7 @@ from daemon.domain.errors import Fault, FaultCode
 from daemon.platform.atomic_file import FOR_THE_GROUP, flush_folder, written_beside
 from daemon.platform.clock import utc_now
 from daemon.storage import alignment_void
+from daemon.storage.alignment_void import Void
 from daemon.storage.calibration_conditions import Conditions
 from daemon.storage.calibration_history import History, Kept
 from daemon.storage.calibration_in_force import (
@@ -70,12 +72,12 @@ class Calibrations:
         with self._writing:
             self.in_force = read_in_force(self.folder, self.in_force.station, conditions)
 
-    def void_alignment(self, why: str) -> None:
+    def void_alignment(self, void: Void) -> None:
         """Use no alignment, and allow no correction, until one passes; on disk first. Raises OSError."""
         with self._writing:
             record = self.in_force.records.get("alignment")
-            alignment_void.void(self.folder, record.made_at if record is not None else "", why)
-            self.in_force = self.in_force.without_alignment(why)
+            alignment_void.write_void(self.folder, record.made_at if record is not None else "", void)
+            self.in_force = self.in_force.without_alignment(void)
 
     def store(self, record: Record) -> Path | None:
         """Put a record on disk and in force; return where the one it replaces is kept, if there was one.
@@ -207,13 +209,11 @@ class Calibrations:
         """Raise `Fault` if the board in the nest, by its id if the client gave one, has to be aligned first."""
         now = self.in_force
         if now.void is not None:
-            raise Fault(FaultCode.NOT_ALIGNED, f"no correction before the board is aligned: {now.void}")
+            why = f"nothing is corrected or touched before the board is aligned: {now.void.why}"
+            raise _unaligned(why, board_id or now.void.board_id)
         aligned = now.alignment(board)
         if board_id is not None and (aligned is None or aligned.board_id != board_id):
-            advice = f"send `align` for it (`board_id`, typed --board-id {board_id}); see that it lies flat"
-            raise Fault(
-                FaultCode.NOT_ALIGNED, f"board {board_id} has not been aligned", advice=advice, board_id=board_id
-            )
+            raise _unaligned(f"board {board_id} has not been aligned", board_id)
 
     def require_probe(self) -> ProbeModel:
         """Return the taught probe or say that there is none."""
@@ -238,6 +238,14 @@ class Calibrations:
 def _why(now: InForce, what: str, fact: str) -> str:
     why = now.problems.get(what)
     return f"{fact}: {why}" if why else fact
+
+
+def _unaligned(why: str, board_id: str | None) -> Fault:
+    """Return the refusal of a board that has to be aligned first; under its id, where it is known by one."""
+    if board_id is None:
+        return Fault(FaultCode.NOT_ALIGNED, why)
+    advice = f"send `align` for it (`board_id`, typed --board-id {shlex.quote(board_id)}); see that it lies flat"
+    return Fault(FaultCode.NOT_ALIGNED, why, advice=advice, board_id=board_id)
 
 
 def _no_map(message: str, **detail: object) -> Fault:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any
 import pytest
 
 from daemon.config.sections.motion import ServoSection
+from daemon.tools.demo.session import LIMIT_UM
 
 NETS = 21
 TOLERANCE_UM = ServoSection().tolerance_um
@@ -81,3 +83,7 @@ def test_a_recovered_point_has_pictures_of_the_miss_and_of_the_hit(
 def test_progress_is_told_where_nobody_watches_a_bar(ended: subprocess.CompletedProcess[str]) -> None:
     assert f"{NETS}/{NETS} " in ended.stderr
     assert "the board lies" in ended.stderr
+    shown = re.search(r"the needle was (\d+) um off, and is (\d+) um off now", ended.stderr)
+    assert shown, ended.stderr
+    assert int(shown[2]) <= min(int(shown[1]), LIMIT_UM), "the first landing is seen before the long calibrations"
+    assert ended.stderr.index(shown[0]) < ended.stderr.index("calibrating the rotation")

@@ -14,6 +14,7 @@ from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.states import Event
 from daemon.domain.surface_points import LEAST_PLACES, SurfacePoints, surface_points
 from daemon.jobs.context import JobContext, Outcome, StationContext
+from daemon.procedures.board_in_nest import require_board
 from daemon.procedures.calibrate.commit import Began, keep
 from daemon.procedures.calibrate.spread import (
     EASILY_UM,
@@ -58,6 +59,8 @@ async def measure_surface(job: JobContext, context: StationContext, request: Cal
     pose_map = context.require_map()
     await context.station.require_homed(job)
     board = context.board
+    # Of a board that was exchanged, or whose alignment was refused, nobody knows what lies below a place.
+    await require_board(context, None)
     points = await _allowed_places(job, context, request)
     sigma_um = require_spread(points, board, context.gantry.surface_range_um)
     places = [context.geometry.position_over(point.place_um, request.theta_deg) for point in points]

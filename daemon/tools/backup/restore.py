@@ -198,7 +198,8 @@ def _suit_to_the_present(data_dir: Path, next_seq: int) -> None:
     folder = data_dir / "calibration"
     with suppress(FileNotFoundError, ValueError, KeyError, TypeError):
         made_at = str(json.loads((folder / "alignment.json").read_bytes())["made_at"])
-        alignment_void.void(folder, made_at, "it was put back from a backup; align the board that lies there now")
+        why = "it was put back from a backup; align the board that lies there now"
+        alignment_void.write_void(folder, made_at, alignment_void.Void(why))
     pinned = PinnedState(data_dir / "journal.pinned")
     pinned.load()
     next_seq = max(next_seq, int(pinned.get(NEXT_SEQ) or 0))

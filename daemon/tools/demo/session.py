@@ -123,6 +123,20 @@ class Session:
         target = {} if mark is None else {"test_point": mark.name}
         self._must("calibrate", what="map", deadline_ms=LONG_MS, **target)
 
+    def show_the_eye(self) -> None:
+        """Land on the mark by the eye, as soon as there is a map: what all this is for is seen at once."""
+        mark = choose_mark(self._board)
+        if mark is None:
+            return
+        self._say(f"first landing: {mark.name}, by the eye alone")
+        landing = self._landed(mark, 0.0)
+        if landing.good:
+            was, left = f"{landing.before_um:.0f} um", f"{landing.after_um:.0f} um"
+            self._say(f"{mark.name}: the needle was {was} off, and is {left} off now")
+        else:
+            error = landing.result.error
+            self._say(f"{mark.name}: not before the board is aligned{f' ({error.message})' if error else ''}")
+
     def teach_tip(self) -> None:
         """Drive beside the board and point at the needle's end."""
         self._say("teaching the tip")
@@ -153,16 +167,18 @@ class Session:
 
     def land(self, point: BoardPoint) -> Landing:
         """Put the head over a test point with all its errors, say "open", and ask the truth before and after."""
-        theta_deg = self._angle()
+        landing = self._landed(point, self._angle())
+        retest = "pass" if landing.after_um <= LIMIT_UM and landing.right_metal else "open"
+        self._client.request("report", id=landing.result.id, retest=retest, touches=1)
+        return landing
+
+    def _landed(self, point: BoardPoint, theta_deg: float) -> Landing:
         placed = self._must("place", test_point=point.name, theta_deg=theta_deg)
         before_um = self._truth_um(point, placed)
         result = self._client.job("correct", job_id=f"{point.name}-seed{self._seed}", test_point=point.name)
         after_um = self._truth_um(point, result if result.ok else placed)
         touched = touched_by(self._bench)
-        right = touched.is_of(point)
-        retest = "pass" if after_um <= LIMIT_UM and right else "open"
-        self._client.request("report", id=result.id, retest=retest, touches=1)
-        return Landing(point, theta_deg, before_um, after_um, result, str(touched), right)
+        return Landing(point, theta_deg, before_um, after_um, result, str(touched), touched.is_of(point))
 
     def _must(self, op: str, **fields: Any) -> JobResult:
         result = self._client.job(op, timeout_s=LONG_MS / 1e3, **fields)

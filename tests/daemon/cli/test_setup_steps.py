@@ -12,13 +12,14 @@ import pytest
 from typer.testing import CliRunner
 
 from daemon.cli import setup as guided
+from daemon.cli import setup_file_steps as file_steps
 from daemon.cli import setup_station_steps as station_steps
 from daemon.cli.app import app
 from daemon.cli.setup_dialogue import Dialogue, StepFailed
 from daemon.cli.setup_file_steps import Setup
 from daemon.client import Refused
 from daemon.config.model import load_config
-from daemon.tools.setup import Notes
+from daemon.tools.setup import Answering, Notes, with_values
 
 ROOT = Path(__file__).parents[3]
 pytestmark = pytest.mark.usefixtures("logging_as_before")
@@ -71,6 +72,95 @@ def test_from_the_first_question_it_goes_back_to_the_step_before(
     assert result.exit_code == 0, result.output
     written = tomllib.loads(file.read_text())
     assert (written["station"]["name"], written["api"]["control"]) == ("right", "tcp://127.0.0.1:7001")
+
+
+def _walk(monkeypatch: pytest.MonkeyPatch, file: Path, *names: str, answers: list[str]) -> str:
+    """Do some steps; return what was said."""
+    monkeypatch.setattr(guided, "STEPS", [one for one in guided.STEPS if one.name in names])
+    result = CliRunner().invoke(app, ["setup", "-c", str(file)], input="\n".join([*answers, ""]))
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+def test_back_in_the_boards_step_bare_is_still_bare(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    board = [str(ROOT / "sim_hw" / "demo_board"), "top", "y", "60", "40"]
+    said = _walk(monkeypatch, tmp_path / "station.toml", "board", "sockets", answers=[*board, "<", *[""] * 8])
+    asked = [line for line in said.splitlines() if "Is the board bare" in line]
+    assert ["[y/N]" in asked[0], "[Y/n]" in asked[1]] == [True, True], "what was answered is offered"
+
+
+def test_the_line_is_asked_once_while_addresses_are_gone_back_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[object] = []
+
+    async def who(section: object) -> Answering:
+        asked.append(section)
+        return Answering(115200, "N", (1, 2, 3, 4), (5,))
+
+    monkeypatch.setattr(file_steps, "who_answers", who)
+    written, _ = _only(tmp_path / "station.toml", "drives", "127.0.0.1:502", "1", "3", "<", "2", "", "4", "7.5", "5")
+    assert [written["axes"][axis]["address"] for axis in ("x", "y", "z", "theta")] == [1, 2, 3, 4]
+    assert written["lights"]["address"] == 5
+    assert len(asked) == 1
+    _only(tmp_path / "station.toml", "drives", "127.0.0.1:502", *[""] * 5)
+    assert len(asked) == 2, "who comes again may have plugged in another"
+
+
+@pytest.mark.parametrize(("names", "hinted"), [(("check",), False), (("camera",), False), (("name", "check"), True)])
+def test_going_back_is_offered_where_there_is_something_to_go_back_to(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, names: tuple[str, ...], hinted: bool
+) -> None:
+    file = tmp_path / "station.toml"
+    file.write_text((ROOT / "systemd" / "station.example.toml").read_text())
+    said = _walk(monkeypatch, file, *names, answers=["ipc:///tmp/frames" if "camera" in names else "s", "s", "s"])
+    assert ("goes back" in said or "<: the step before" in said) == hinted
+
+
+def test_at_the_very_first_question_nothing_is_before_it(tmp_path: Path) -> None:
+    written, said = _only(tmp_path / "station.toml", "name", "<", "left", "")
+    assert "there is no question before this one" in said
+    assert written["station"]["name"] == "left"
+
+
+@pytest.mark.parametrize("step", ["name", "mechanics", "camera", "board", "meter", "sockets"])
+def test_a_file_that_is_damaged_is_said_with_its_line_and_stays(tmp_path: Path, step: str) -> None:
+    file = tmp_path / "station.toml"
+    damaged = (ROOT / "systemd" / "station.example.toml").read_text() + "\n[meter]\nchannels = {\n"
+    file.write_text(damaged)
+    answers = [str(ROOT / "sim_hw" / "demo_board"), "", ""] if step == "board" else ["ipc:///tmp/x", "", "", ""]
+    result = CliRunner().invoke(app, ["setup", "-c", str(file), "--only", step], input="\n".join([*answers, "q", ""]))
+    assert result.exit_code == 1
+    assert f"{file} cannot be read" in result.output
+    assert "at line" in result.output
+    assert "Traceback" not in result.output
+    assert "unforeseen" not in result.output
+    assert file.read_text() == damaged
+
+
+@pytest.mark.parametrize(("step", "key", "value"), [
+    ("meter", "meter", "5"), ("meter", "meter", "[]"), ("mechanics", "gantry.safe_z_um", '"high"'),
+    ("mechanics", "axes.x.increments_per_unit", '"fast"'), ("mechanics", "axes.x.increments_per_unit", "0"),
+    ("mechanics", "axes.x.homing_method", "nan"), ("board", "board.origin_x_um", "[1]"),
+])  # fmt: skip
+def test_a_value_of_another_kind_ends_no_step_unforeseen(tmp_path: Path, step: str, key: str, value: str) -> None:
+    file = tmp_path / "station.toml"
+    example = (ROOT / "systemd" / "station.example.toml").read_text()
+    if key == "meter":
+        file.write_text(f"meter = {value}\n" + example.replace("[meter]", "[other]"))
+    else:
+        file.write_text(with_values(example, {key: 12345.0}).replace("12345.0", value))
+    answers = [str(ROOT / "sim_hw" / "demo_board"), "", ""] if step == "board" else ["y", "127.0.0.1:5025", "none"]
+    said = _only(file, step, *(answers if step != "mechanics" else []), *[""] * 60)[1]
+    assert "Traceback" not in said
+    assert "unforeseen" not in said
+
+
+@pytest.mark.parametrize("channel", ["101.5", "nan", "-1", "1e3", "2000000"])
+def test_a_scanner_channel_is_a_whole_number(tmp_path: Path, channel: str) -> None:
+    written, said = _only(tmp_path / "station.toml", "meter", "y", "127.0.0.1:5025", channel, "101")
+    assert f"{channel} is not a channel" in said.replace("'", "")
+    assert written["meter"]["contact_channel"] == 101
 
 
 def test_its_last_words_are_the_next_commands_and_can_be_pasted(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from daemon.station.board_trust import BoardTrust
 from daemon.station.clearance import Clearance
 from daemon.station.free_pin import FLEX_WITHIN_UM
 from daemon.station.kinematics import Geometry
+from daemon.storage.alignment_void import Void
 from daemon.storage.calibration_records import Aligned, AlignmentRecord, Seat, SurfaceRecord, Touch
 from drivers.gantry import Position
 from tests.daemon.procedures.fake_station import World
@@ -165,7 +166,7 @@ DOUBTS: dict[str, Callable[[Scene], None]] = {
     "the targets do not tell how it is turned": lambda scene: (scene.align(rms_um=900.0), scene.measure())[0],
     "one target tells nothing of a turn": lambda scene: (scene.align(count=1), scene.measure())[0],
     "the surface is of the board before": lambda scene: scene.align(),
-    "the alignment is void": lambda scene: scene.world.calibrations.void_alignment("moved"),
+    "the alignment is void": lambda scene: scene.world.calibrations.void_alignment(Void("moved")),
 }
 
 

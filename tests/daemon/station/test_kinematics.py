@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from daemon.station.kinematics import Geometry
+from daemon.storage.alignment_void import Void
 from daemon.storage.calibration_records import SurfaceRecord, Touch
 from drivers.gantry import Position
 from tests.daemon.procedures.fake_station import WORK_Z_UM, World, a_board
@@ -145,5 +146,5 @@ def test_a_surface_older_than_the_boards_alignment_is_of_the_board_before(world:
 def test_while_a_board_that_was_not_aligned_lies_there_its_height_is_unknown(world: World) -> None:
     place = 80_000.0, 50_000.0
     _surface(world)
-    world.calibrations.void_alignment("board 18 was put into the nest and has not been aligned")
+    world.calibrations.void_alignment(Void("board 18 was put into the nest and has not been aligned"))
     assert world.geometry.measured_um(place) is None

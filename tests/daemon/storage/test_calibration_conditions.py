@@ -9,6 +9,8 @@ from typing import Any
 import pytest
 
 from daemon.domain.board import Board
+from daemon.domain.errors import Fault
+from daemon.storage.alignment_void import Void
 from daemon.storage.calibration_conditions import Conditions
 from daemon.storage.calibration_records import Record
 from daemon.storage.calibration_store import Calibrations
@@ -91,15 +93,33 @@ def test_an_edited_board_file_of_the_same_name_is_another_revision() -> None:
     assert board.revision != board.model_copy(update={"height_um": 2.0}).revision
 
 
+def test_which_board_lies_there_instead_is_known_after_a_start_too(tmp_path: Path) -> None:
+    board = Board(name="b", side="top", width_um=1.0, height_um=1.0, points=())
+    Calibrations(tmp_path, STATION).void_alignment(Void("board x 1 was put into the nest", "x 1"))
+    again = Calibrations(tmp_path, STATION)
+    again.load()
+    for board_id, typed in ((None, "--board-id 'x 1'"), ("y", "--board-id y")):
+        with pytest.raises(Fault, match="board x 1 was put into the nest") as refused:
+            again.require_board(board, board_id)
+        assert typed in refused.value.advice
+
+
+def test_a_void_written_before_boards_were_named_in_it_is_read(tmp_path: Path) -> None:
+    (tmp_path / "alignment.void.json").write_text('{"made_at": "", "why": "refused"}')
+    again = Calibrations(tmp_path, STATION)
+    again.load()
+    assert again.in_force.void == Void("refused")
+
+
 def test_a_void_that_could_not_be_removed_is_not_of_the_next_alignment(tmp_path: Path) -> None:
     calibrations = Calibrations(tmp_path, STATION)
     calibrations.store(alignment_record(station=STATION, probe="", made_at=NOW))
-    calibrations.void_alignment("refused")
+    calibrations.void_alignment(Void("refused"))
     note = tmp_path / "alignment.void.json"
     left = note.read_bytes()
     again = Calibrations(tmp_path, STATION)
     again.load()
-    assert again.in_force.void == "refused"
+    assert again.in_force.void == Void("refused")
     assert again.problems == {"alignment": "refused"}
     again.store(alignment_record(station=STATION, probe="", made_at="2025-03-05T09:30:12+00:00"))
     note.write_bytes(left)

@@ -19,7 +19,7 @@ from daemon.domain.board import Board
 from daemon.domain.results import JobResult
 from daemon.platform.clock import utc_now
 from daemon.platform.instance_lock import NotAloneError, alone
-from daemon.storage.alignment_void import why_void
+from daemon.storage.alignment_void import read_void
 from daemon.storage.journal import Journal
 from daemon.storage.unfinished_restore import HalfRestoredError, begin, require_whole
 from daemon.tools.backup import BackupError, make_backup, read_manifest, restore
@@ -128,7 +128,7 @@ async def test_event_numbers_go_on_rising_and_an_alignment_is_void_after_a_resto
     journal = await Journal.open(config.parent / "station/journal.sqlite")
     assert journal.take_seq() > last
     await journal.close()
-    assert "align" in (why_void(config.parent / "station/calibration", MADE_AT) or "")
+    assert "align" in str(read_void(config.parent / "station/calibration", MADE_AT))
 
 
 def test_private_keys_are_in_it_only_when_asked_for(tmp_path: Path) -> None:

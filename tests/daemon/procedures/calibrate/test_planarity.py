@@ -23,6 +23,7 @@ from daemon.procedures.calibrate.spread import SURE_WITHIN_UM, TOUCH_SIGMA_UM, p
 from daemon.procedures.registry import PROCEDURES
 from daemon.station.kinematics import EXTRAPOLATED_UM, beyond_um
 from daemon.station.station import LookResult
+from daemon.storage.alignment_void import Void
 from daemon.storage.calibration_records import SurfaceRecord
 from drivers.errors import EnvelopeViolation
 from tests.daemon.procedures.fake_station import SENSE_INPUT, Ran, World, a_board, begin, run
@@ -270,6 +271,15 @@ async def test_it_needs_probe_map_and_homing(tmp_path: Path) -> None:
     world.with_map().gantry.is_homed = False
     assert (await _fault(world)).kind is FaultCode.NOT_HOMED
     assert (ran.events, world.gantry.moves) == ([], [])
+
+
+async def test_a_board_whose_alignment_is_void_is_not_touched(world: World) -> None:
+    """What lies below a place of the board that was there before, nobody knows."""
+    world.calibrations.void_alignment(Void("board 18 was put into the nest and has not been aligned", "18"))
+    fault = await _fault(world)
+    assert fault.kind is FaultCode.NOT_ALIGNED
+    assert "--board-id 18" in fault.advice
+    assert world.gantry.moves == []
 
 
 @pytest.mark.parametrize(("lowest_um", "good"), [(4_801.0, False), (4_800.0, True)])

@@ -187,6 +187,16 @@ def test_a_page_that_cannot_be_written_or_would_replace_another_file_is_refused_
     assert sorted(one.name for one in tmp_path.iterdir()) == ["board.json", "folder.html"]
 
 
+def test_a_study_that_comes_to_nothing_leaves_no_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def nobody(_endpoint: str) -> None:
+        raise NoAnswer("nobody is there")
+
+    monkeypatch.setattr(command, "Client", nobody)
+    failed = CliRunner().invoke(app, ["study", "TP7", "-o", str(tmp_path / "missing" / "x" / "a.html")])
+    assert failed.exit_code == 1, failed.output
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_what_has_no_end_is_null_for_machines(tmp_path: Path) -> None:
     still = _study(1.0).model_copy(update={"dx_um": (1.0,) * 10, "dy_um": (1.0,) * 10})
     write_study(still, tmp_path / "study.html")
