@@ -14,8 +14,11 @@ from typing import NamedTuple
 
 from daemon.fleet.send_window import BATCHES_OUT
 
-GROUP, GROUP_BYTES = 1000, 1_000_000
-"""Batches that are stored together at most; more bytes than these only where one batch alone has them."""
+GROUP, GROUP_BYTES = 250, 1_000_000
+"""Batches that are stored together at most; more bytes than these only where one batch alone has them.
+
+Each station of a group waits for its commit: one of a thousand took 0.7 s, and four of 250 no longer together.
+"""
 WAITING_BYTES = 128_000_000
 
 
