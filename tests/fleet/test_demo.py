@@ -26,6 +26,7 @@ def test_ten_stations_records_answer_what_was_planted_and_dashboards_show_it(
     assert drawn.keys() == {board["uid"] for board in dashboards()}
     for board in dashboards():
         assert all(escape(panel["title"]) in drawn[board["uid"]] for panel in board["panels"])
+        assert ",nan" not in drawn[board["uid"]], "a browser draws nothing of a line with such a place"
     assert DRIFTS in drawn["reprobe-fleet"]
     assert BAD_POINT in drawn["reprobe-board-design"]
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from html import escape
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -96,7 +97,9 @@ def _text(value: object) -> str:
 
 
 def _plot(lines: Lines, unit: str) -> str:
-    """Draw lines over their time; one value alone is a dot."""
+    """Draw lines over their time; one value alone is a dot. Where Prometheus says NaN, nothing was there to count."""
+    counted = {name: [(at, value) for at, value in points if isfinite(value)] for name, points in lines.items()}
+    lines = {name: points for name, points in counted.items() if points}
     if not lines:
         return "nothing"
     factor, sign = UNITS.get(unit, (1.0, ""))
