@@ -158,6 +158,7 @@ def _run(places: Places, read: Board, wish: Bench, points: int, *, page: bool) -
             tested = _test(places, read, station, points, tell)
             if beside is not None:
                 progress.stop()
+                Trouble.stop_leading_astray(station.bench)
                 # However it is told to end while it stays: what was tested is told all the same.
                 with suppress(KeyboardInterrupt), taken_as_ctrl_c():
                     _tell_where(beside.url, places.socket("control"))

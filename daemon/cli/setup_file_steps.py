@@ -57,8 +57,11 @@ class Setup:
     def number_at(self, path: str, otherwise: float) -> float:
         """Return a number of the file as it is so far; `otherwise` where there is none."""
         now = read_value(self.text(), path)
-        is_number = isinstance(now, int | float) and not isinstance(now, bool) and math.isfinite(now)
-        return float(now) if is_number else otherwise
+        try:
+            value = math.nan if isinstance(now, bool) or not isinstance(now, int | float) else float(now)
+        except OverflowError:
+            value = math.nan
+        return value if math.isfinite(value) else otherwise
 
     def write(self, values: dict[str, Value]) -> None:
         """Put values into the file; everything else in it stays."""
@@ -76,7 +79,9 @@ class Setup:
     def ask_number(self, path: str, question: str, unit: str, low: float, high: float, scale: float = 1.0) -> float:
         """Ask for a value of the file in a unit that people use; return it in the file's, which is `scale` times it."""
         now = self.number_at(path, 0.0) / scale
-        return self.dialogue.ask(path, f"{question}, {unit}", f"{now:g}", number(low, high, unit)) * scale
+        # What was answered is offered while the file is as it was then: what it says since then is newer
+        key = f"{path}.{now:g}"
+        return self.dialogue.ask(key, f"{question}, {unit}", f"{now:g}", number(low, high, unit)) * scale
 
 
 def name_it(setup: Setup) -> None:
@@ -94,7 +99,7 @@ def find_drives(setup: Setup) -> None:
     gateway = port.count(":") == 1 and not port.startswith("/")
     port = port if gateway else _device(port)
     host, _, tcp_port = port.partition(":")
-    section = BusSection(host=host, tcp_port=int(tcp_port)) if gateway else BusSection(port=port)
+    section = _gateway(host, tcp_port) if gateway else BusSection(port=port)
 
     def ask_all() -> Answering | None:
         dialogue.say("Asking every address at every speed and parity; that takes up to a minute, and only reads ...")
@@ -129,6 +134,14 @@ def find_drives(setup: Setup) -> None:
     setup.write(values)
 
 
+def _gateway(host: str, tcp_port: str) -> BusSection:
+    """Return a line behind a gateway; raise `StepFailed` if that is none."""
+    try:
+        return BusSection(host=text(host), tcp_port=int(tcp_port))
+    except ValueError as exc:
+        raise StepFailed(f"'{host}:{tcp_port}' is no host:port", "write it as 192.168.0.7:502") from exc
+
+
 def _device(given: str) -> str:
     """Return a device's path as it is from anywhere; raise `StepFailed` if there is none."""
     if not given or not Path(given).exists():
@@ -152,18 +165,21 @@ def mechanics(setup: Setup) -> None:
         unit, scale, most = ("degrees", 1.0, 1000.0) if axis == "theta" else ("mm", 1000.0, 5000.0)
         setup.dialogue.say(f"Axis {axis}:")
         per_unit = setup.number_at(f"axes.{axis}.increments_per_unit", 0.0) or increments_per_unit(scale)
-        now = increments_per_unit(1.0) / per_unit / scale
+        now = increments_per_unit(1.0) / abs(per_unit) / scale
         turn = setup.dialogue.ask(
-            f"axes.{axis}.turn", f"  travel with one turn of the motor, {unit}", f"{now:.6g}", number(0.01, 1000, unit)
-        )
-        values[f"axes.{axis}.increments_per_unit"] = increments_per_unit(turn * scale)
+            f"axes.{axis}.turn.{now:.6g}", f"  travel with one turn of the motor, {unit}", f"{now:.6g}",
+            number(0.01, 1000, unit),
+        )  # fmt: skip
+        # A negative scale, which a trial move has found, turns the axis round: that stays
+        values[f"axes.{axis}.increments_per_unit"] = math.copysign(increments_per_unit(turn * scale), per_unit)
         for key, what in (("minimum", "lowest coordinate"), ("maximum", "highest coordinate"),
                           ("homing_position", "coordinate of the homing switch")):  # fmt: skip
             values[f"axes.{axis}.{key}"] = setup.ask_number(f"axes.{axis}.{key}", f"  {what}", unit, -most, most, scale)
         path = f"axes.{axis}.homing_method"
         values[path] = setup.dialogue.ask(
-            path, f"  homing method ({HOMING})", f"{setup.number_at(path, 0):g}", whole(-128, 127, "a homing method")
-        )
+            f"{path}.{(method := setup.number_at(path, 0)):g}", f"  homing method ({HOMING})", f"{method:g}",
+            whole(-128, 127, "a homing method"),
+        )  # fmt: skip
     setup.dialogue.say("Heights of the needle's end, and the head:")
     for path, what in (("gantry.safe_z_um", "free of every part"), ("gantry.work_z_um", "where it looks from"),
                        ("gantry.touch_z_um", "where it just touches the bare board")):  # fmt: skip

@@ -18,7 +18,11 @@ async def require_board(context: StationContext, board_id: str | None) -> None:
     try:
         calibrations.require_board(context.board, board_id)
     except Fault as unaligned:
-        if unaligned.kind is FaultCode.NOT_ALIGNED and calibrations.in_force.void is None:
+        void = calibrations.in_force.void
+        known = None if void is None else void.board_id
+        # Another name than the one that is known: boards were changed once more
+        changed = void is None or (None not in (board_id, known) and board_id != known)
+        if unaligned.kind is FaultCode.NOT_ALIGNED and changed:
             why = f"board {board_id} was put into the nest and has not been aligned"
             await on_disk(calibrations.void_alignment, Void(why, board_id))
         raise

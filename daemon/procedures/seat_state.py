@@ -46,8 +46,9 @@ def limit_um(context: StationContext) -> float:
 
 async def void_seat(context: StationContext, why: str) -> None:
     """Believe no alignment any more, if there is a verified one: no correction is made before one passes."""
-    if verified(context):
-        await on_disk(context.calibrations.void_alignment, Void(why))
+    record = seat_record(context)
+    if record is not None:
+        await on_disk(context.calibrations.void_alignment, Void(why, record.board_id))
 
 
 async def require_unique(context: StationContext, point: BoardPoint) -> None:

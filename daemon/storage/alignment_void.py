@@ -12,8 +12,9 @@ from pathlib import Path
 
 from daemon.platform.atomic_file import FOR_THE_GROUP, replace_whole
 from daemon.platform.plain_file import read_small
+from daemon.storage.calibration_records import MOST_BYTES
 
-_FILE = "alignment.void.json"
+_FILE, _ALIGNMENT = "alignment.void.json", "alignment.json"
 
 
 @dataclass(frozen=True)
@@ -24,17 +25,18 @@ class Void:
     board_id: str | None = None
 
 
-def write_void(folder: Path, made_at: str, void: Void) -> None:
-    """Write down that the alignment of that moment, "" for none, is void; OSError if that is impossible."""
-    text = json.dumps({"made_at": made_at, "why": void.why, "board_id": void.board_id})
+def write_void(folder: Path, void: Void) -> None:
+    """Write down that the alignment on disk is void, or that there is none; OSError if that is impossible."""
+    text = json.dumps({"made_at": made_at(folder), "why": void.why, "board_id": void.board_id})
     replace_whole(folder / _FILE, lambda path: path.write_text(text, encoding="utf-8"), FOR_THE_GROUP)
 
 
-def read_void(folder: Path, made_at: str) -> Void | None:
-    """Return why the alignment of that moment, "" for none, is void; None if it is not."""
+def read_void(folder: Path) -> Void | None:
+    """Return why the alignment on disk, or that there is none, is void; None if it is not."""
     try:
         note = json.loads(read_small(folder / _FILE))
-        if note["made_at"] != made_at:
+        # Of what was void twice, notes of versions before named no moment.
+        if note["made_at"] not in ("", made_at(folder)):
             return None
         board_id = note.get("board_id")
         return Void(str(note["why"]), None if board_id is None else str(board_id))
@@ -42,6 +44,17 @@ def read_void(folder: Path, made_at: str) -> Void | None:
         return None
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return Void("whether it is void cannot be read")
+
+
+def made_at(folder: Path) -> str:
+    """Return when the alignment on disk was made, whether it is in force or not; "" if that cannot be said.
+
+    What is void twice is not in force at the second time; it must be void after a start all the same.
+    """
+    try:
+        return str(json.loads(read_small(folder / _ALIGNMENT, MOST_BYTES))["made_at"])
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return ""
 
 
 def forget(folder: Path) -> None:

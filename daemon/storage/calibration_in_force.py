@@ -137,14 +137,8 @@ def read_in_force(folder: Path, station: str, conditions: Conditions | None = No
         found = _skip(found, "probe", exc)
     for what in KINDS:
         found = with_file(found, folder, what)
-    void = read_void(folder, _alignment_made_at(found))
+    void = read_void(folder)
     return found.without_alignment(void) if void is not None else found
-
-
-def _alignment_made_at(found: InForce) -> str:
-    """Return when the alignment in force was made; "" if there is none."""
-    record = found.records.get("alignment")
-    return record.made_at if record is not None else ""
 
 
 def with_file(found: InForce, folder: Path, what: str) -> InForce:

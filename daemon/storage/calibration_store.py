@@ -75,8 +75,7 @@ class Calibrations:
     def void_alignment(self, void: Void) -> None:
         """Use no alignment, and allow no correction, until one passes; on disk first. Raises OSError."""
         with self._writing:
-            record = self.in_force.records.get("alignment")
-            alignment_void.write_void(self.folder, record.made_at if record is not None else "", void)
+            alignment_void.write_void(self.folder, void)
             self.in_force = self.in_force.without_alignment(void)
 
     def store(self, record: Record) -> Path | None:

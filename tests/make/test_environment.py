@@ -144,14 +144,23 @@ def test_told_to_end_it_ends_pip_and_leaves_no_file(tmp_path: Path, how: signal.
     pip = _script(tmp_path / "python", f"#!/bin/sh\necho $$ >{tmp_path}/pid\nexec sleep 600\n")
     temporary = tmp_path / "tmp"
     temporary.mkdir()
-    with subprocess.Popen(
-        ["/bin/sh", str(INSTALL), str(pip), "-r", "x"], env={**os.environ, "TMPDIR": str(temporary), "EVERY_S": "0.1"},
-        stdout=subprocess.PIPE, text=True,
-    ) as installing:  # fmt: skip
-        assert installing.stdout is not None
-        next(line for line in installing.stdout if (tmp_path / "pid").exists() and (tmp_path / "pid").read_text())
-        installing.send_signal(how)
-        assert installing.wait(60.0) == 128 + signal.SIGTERM
+    # Of a run that was started by nohup a shell could not catch it: what is ignored at its start stays so.
+    before = signal.signal(how, signal.SIG_DFL)
+    try:
+        installing = subprocess.Popen(
+            ["/bin/sh", str(INSTALL), str(pip), "-r", "x"],
+            env={**os.environ, "TMPDIR": str(temporary), "EVERY_S": "0.1"}, stdout=subprocess.PIPE, text=True,
+        )  # fmt: skip
+    finally:
+        signal.signal(how, before)
+    with installing:
+        try:
+            assert installing.stdout is not None
+            next(line for line in installing.stdout if (tmp_path / "pid").exists() and (tmp_path / "pid").read_text())
+            installing.send_signal(how)
+            assert installing.wait(60.0) == 128 + signal.SIGTERM
+        finally:
+            installing.kill()
     with pytest.raises(ProcessLookupError):  # noqa: PT012  # asked until it is gone
         while True:
             os.kill(int((tmp_path / "pid").read_text()), 0)

@@ -7,14 +7,13 @@ What a backup cannot know of the present is not taken from it: an alignment is v
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import sqlite3
 import tempfile
 import time
 import tomllib
-from contextlib import ExitStack, closing, suppress
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -196,10 +195,9 @@ def _place_keys(staged: Path, keys_dir: Path, stamp: str) -> list[Path]:
 def _suit_to_the_present(data_dir: Path, next_seq: int) -> None:
     """Make void what a backup cannot know: where the board lies now, and which event numbers were given since."""
     folder = data_dir / "calibration"
-    with suppress(FileNotFoundError, ValueError, KeyError, TypeError):
-        made_at = str(json.loads((folder / "alignment.json").read_bytes())["made_at"])
+    if alignment_void.made_at(folder):
         why = "it was put back from a backup; align the board that lies there now"
-        alignment_void.write_void(folder, made_at, alignment_void.Void(why))
+        alignment_void.write_void(folder, alignment_void.Void(why))
     pinned = PinnedState(data_dir / "journal.pinned")
     pinned.load()
     next_seq = max(next_seq, int(pinned.get(NEXT_SEQ) or 0))

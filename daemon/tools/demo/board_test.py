@@ -46,6 +46,11 @@ class Trouble:
         for name, value in vars(self).items():
             bench.ask("set", name=name, value=value)
 
+    @staticmethod
+    def stop_leading_astray(bench: DemoBench) -> None:
+        """Let ways end at their place again: who tries the station by hand would have to align without end."""
+        bench.ask("set", name="misplaced_share", value=0.0)
+
 
 def run_board(
     client: Client, daemon: Process, events: str, board: Board, points: Sequence[BoardPoint], told: Told

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from daemon.client import Client
+from daemon.client import Client, Refused
 from daemon.domain.board import Board, BoardPoint
 from daemon.domain.results import JobResult
 from daemon.domain.surface_points import LEAST_PLACES, surface_points
@@ -126,16 +126,18 @@ class Session:
     def show_the_eye(self) -> None:
         """Land on the mark by the eye, as soon as there is a map: what all this is for is seen at once."""
         mark = choose_mark(self._board)
-        if mark is None:
+        if mark is None or not mark.probeable:  # a fiducial is looked at, and never landed on
             return
         self._say(f"first landing: {mark.name}, by the eye alone")
-        landing = self._landed(mark, 0.0)
-        if landing.good:
+        try:
+            landing = self._landed(mark, 0.0)
+        except (SetUpError, Refused):  # what is not seen yet is no trouble: the board is aligned next
+            landing = None
+        if landing is None or landing.result.error is not None:
+            self._say(f"{mark.name}: not before the board is aligned")
+        else:
             was, left = f"{landing.before_um:.0f} um", f"{landing.after_um:.0f} um"
             self._say(f"{mark.name}: the needle was {was} off, and is {left} off now")
-        else:
-            error = landing.result.error
-            self._say(f"{mark.name}: not before the board is aligned{f' ({error.message})' if error else ''}")
 
     def teach_tip(self) -> None:
         """Drive beside the board and point at the needle's end."""

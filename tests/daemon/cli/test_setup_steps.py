@@ -62,6 +62,26 @@ def test_a_slip_in_the_mechanics_is_gone_back_to_and_what_came_before_it_stays(t
     assert "< as an answer goes back" in said
 
 
+def test_what_was_measured_or_written_by_hand_since_is_offered_and_a_direction_stays(tmp_path: Path) -> None:
+    file = tmp_path / "station.toml"
+    _only(file, "mechanics", *[""] * 40)
+    since = {"axes.x.increments_per_unit": -668.2, "axes.x.maximum": 195_000.0, "gantry.touch_z_um": 4_321.0,
+             "axes.y.homing_method": 21}  # fmt: skip
+    file.write_text(with_values(file.read_text(), since))
+    written, _ = _only(file, "mechanics", *[""] * 40)
+    assert written["axes"]["x"]["increments_per_unit"] == pytest.approx(-668.2, rel=1e-5)
+    assert written["axes"]["x"]["maximum"] == pytest.approx(195_000.0)
+    assert written["axes"]["y"]["homing_method"] == 21
+    assert written["gantry"]["touch_z_um"] == pytest.approx(4_321.0)
+
+
+@pytest.mark.parametrize("address", ["192.168.0.7:abc", "127.0.0.1:", "127.0.0.1:99999", ":502"])
+def test_a_gateway_that_is_mistyped_is_said_with_how_it_is_written(tmp_path: Path, address: str) -> None:
+    said = _only(tmp_path / "station.toml", "drives", address, "q")[1]
+    assert "is no host:port" in said
+    assert "192.168.0.7:502" in said
+
+
 def test_from_the_first_question_it_goes_back_to_the_step_before(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -141,7 +161,8 @@ def test_a_file_that_is_damaged_is_said_with_its_line_and_stays(tmp_path: Path, 
 @pytest.mark.parametrize(("step", "key", "value"), [
     ("meter", "meter", "5"), ("meter", "meter", "[]"), ("mechanics", "gantry.safe_z_um", '"high"'),
     ("mechanics", "axes.x.increments_per_unit", '"fast"'), ("mechanics", "axes.x.increments_per_unit", "0"),
-    ("mechanics", "axes.x.homing_method", "nan"), ("board", "board.origin_x_um", "[1]"),
+    ("mechanics", "axes.x.minimum", "1" + 400 * "0"), ("mechanics", "axes.x.homing_method", "nan"),
+    ("board", "board.origin_x_um", "[1]"),
 ])  # fmt: skip
 def test_a_value_of_another_kind_ends_no_step_unforeseen(tmp_path: Path, step: str, key: str, value: str) -> None:
     file = tmp_path / "station.toml"

@@ -292,6 +292,16 @@ async def test_another_board_in_the_nest_is_refused_until_it_was_aligned(world: 
     await require_board(world.context, "SN-2")
 
 
+async def test_a_board_that_was_exchanged_twice_is_known_by_its_last_name(world: World) -> None:
+    await _align(world, {"board_id": "SN-1"})
+    for board_id in ("SN-2", "SN-3"):
+        with pytest.raises(Fault):
+            await require_board(world.context, board_id)
+    with pytest.raises(Fault, match="board SN-3 was put into the nest") as refused:
+        await require_board(world.context, None)
+    assert "--board-id SN-3" in refused.value.advice
+
+
 async def test_residuals_are_allowed_up_to_60_um(tmp_path: Path) -> None:
     per_um = await _residual_um(tmp_path / "a", 40.0) / 40.0
     assert await _residual_um(tmp_path / "b", 59.5 / per_um) == pytest.approx(59.5, abs=0.3)

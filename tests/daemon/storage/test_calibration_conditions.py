@@ -104,6 +104,22 @@ def test_which_board_lies_there_instead_is_known_after_a_start_too(tmp_path: Pat
         assert typed in refused.value.advice
 
 
+@pytest.mark.parametrize("unfit", [False, True])
+def test_an_alignment_that_was_made_void_twice_is_void_after_a_start(tmp_path: Path, unfit: bool) -> None:
+    """A refused `align` does so: before its first look, and where it ends."""
+    calibrations = Calibrations(tmp_path, STATION)
+    record = alignment_record(station=STATION, probe="", made_at=NOW)
+    calibrations.store(record.model_copy(update={"conditions": HERE}) if unfit else record)
+    for why in ("did not pass", "did not pass: too far off"):
+        calibrations.void_alignment(Void(why))
+    again = Calibrations(tmp_path, STATION)
+    if unfit:
+        again.fit_to(HERE.model_copy(update={"board_revision": "b"}))
+    again.load()
+    assert again.in_force.void == Void("did not pass: too far off")
+    assert "alignment" not in again.records
+
+
 def test_a_void_written_before_boards_were_named_in_it_is_read(tmp_path: Path) -> None:
     (tmp_path / "alignment.void.json").write_text('{"made_at": "", "why": "refused"}')
     again = Calibrations(tmp_path, STATION)

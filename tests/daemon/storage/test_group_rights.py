@@ -24,7 +24,7 @@ def test_calibrations_and_their_history_are_for_the_group(tmp_path: Path) -> Non
     calibrations = Calibrations(tmp_path, "s")
     for job in ("first", "second"):
         calibrations.store(backlash_record(station="s", probe="", made_at=utc_now(), job=job))
-    alignment_void.write_void(tmp_path, "", alignment_void.Void("why"))
+    alignment_void.write_void(tmp_path, alignment_void.Void("why"))
     PinnedState(tmp_path / "journal.pinned").store("a", 1)
     files = [path for path in tmp_path.rglob("*") if path.is_file()]
     assert len(files) >= 4

@@ -128,7 +128,7 @@ async def test_event_numbers_go_on_rising_and_an_alignment_is_void_after_a_resto
     journal = await Journal.open(config.parent / "station/journal.sqlite")
     assert journal.take_seq() > last
     await journal.close()
-    assert "align" in str(read_void(config.parent / "station/calibration", MADE_AT))
+    assert "align" in str(read_void(config.parent / "station/calibration"))
 
 
 def test_private_keys_are_in_it_only_when_asked_for(tmp_path: Path) -> None:
