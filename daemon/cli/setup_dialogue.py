@@ -72,7 +72,8 @@ class Dialogue:
         """Return what is found out, in this form at most once for a key; what cannot be found is tried again."""
         if key not in self._found:
             self._found[key] = find_out()
-        return self._found[key]  # type: ignore[no-any-return]  # what `find_out` returned
+        found: T = self._found[key]
+        return found
 
     def say(self, text: str) -> None:
         """Print a text as it is."""

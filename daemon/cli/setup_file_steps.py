@@ -8,7 +8,7 @@ import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from daemon.cli.setup_dialogue import Dialogue, StepFailed, number, text, whole
 from daemon.config.model import ConfigError, load_config, unlikely
@@ -30,6 +30,7 @@ from daemon.tools.setup.edit import Value, example
 from drivers.errors import DeviceError
 from drivers.meter import parse_address
 
+T = TypeVar("T")
 AXES = ("x", "y", "z", "theta")
 HOMING = "17: negative limit, 18: positive limit, 19: home switch, positive side, 21: home switch, negative side"
 
@@ -78,17 +79,29 @@ class Setup:
 
     def ask_number(self, path: str, question: str, unit: str, low: float, high: float, scale: float = 1.0) -> float:
         """Ask for a value of the file in a unit that people use; return it in the file's, which is `scale` times it."""
-        now = self.number_at(path, 0.0) / scale
-        # What was answered is offered while the file is as it was then: what it says since then is newer
-        key = f"{path}.{now:g}"
-        return self.dialogue.ask(key, f"{question}, {unit}", f"{now:g}", number(low, high, unit)) * scale
+        now = f"{self.number_at(path, 0.0) / scale:g}"
+        return self.ask(path, f"{question}, {unit}", now, number(low, high, unit)) * scale
+
+    def ask(self, path: str, question: str, now: str, check: Callable[[str], T]) -> T:
+        """Ask for a value of the file, which is `now` as people write it.
+
+        What was answered the last time is offered only while the file is as it was then: what it says since is newer,
+        a scale that was measured for example.
+        """
+        return self.dialogue.ask(f"{path} where it was {now}", question, now, check)
+
+    def said_of(self, path: str, otherwise: str) -> str:
+        """Return what the file, if there is one yet, says at a path."""
+        now = read_value(self.text(), path) if self.file.exists() else None
+        return otherwise if now is None else str(now)
 
 
 def name_it(setup: Setup) -> None:
     """Ask for name and data folder."""
-    name = setup.dialogue.ask("station.name", "Name of this station", "station-1", text)
+    name = setup.ask("station.name", "Name of this station", setup.said_of("station.name", "station-1"), text)
     where = "/var/lib/reprobe" if setup.file.is_absolute() and setup.file.is_relative_to("/etc") else "station"
-    folder = setup.dialogue.ask("station.data_dir", "Folder of journal, calibrations and pictures", where, text)
+    where = setup.said_of("station.data_dir", where)
+    folder = setup.ask("station.data_dir", "Folder of journal, calibrations and pictures", where, text)
     setup.write({"station.name": name, "station.data_dir": folder})
 
 
@@ -166,20 +179,17 @@ def mechanics(setup: Setup) -> None:
         setup.dialogue.say(f"Axis {axis}:")
         per_unit = setup.number_at(f"axes.{axis}.increments_per_unit", 0.0) or increments_per_unit(scale)
         now = increments_per_unit(1.0) / abs(per_unit) / scale
-        turn = setup.dialogue.ask(
-            f"axes.{axis}.turn.{now:.6g}", f"  travel with one turn of the motor, {unit}", f"{now:.6g}",
-            number(0.01, 1000, unit),
-        )  # fmt: skip
+        turn = setup.ask(
+            f"axes.{axis}.turn", f"  travel with one turn of the motor, {unit}", f"{now:.6g}", number(0.01, 1000, unit)
+        )
         # A negative scale, which a trial move has found, turns the axis round: that stays
         values[f"axes.{axis}.increments_per_unit"] = math.copysign(increments_per_unit(turn * scale), per_unit)
         for key, what in (("minimum", "lowest coordinate"), ("maximum", "highest coordinate"),
                           ("homing_position", "coordinate of the homing switch")):  # fmt: skip
             values[f"axes.{axis}.{key}"] = setup.ask_number(f"axes.{axis}.{key}", f"  {what}", unit, -most, most, scale)
         path = f"axes.{axis}.homing_method"
-        values[path] = setup.dialogue.ask(
-            f"{path}.{(method := setup.number_at(path, 0)):g}", f"  homing method ({HOMING})", f"{method:g}",
-            whole(-128, 127, "a homing method"),
-        )  # fmt: skip
+        method = f"{setup.number_at(path, 0):g}"
+        values[path] = setup.ask(path, f"  homing method ({HOMING})", method, whole(-128, 127, "a homing method"))
     setup.dialogue.say("Heights of the needle's end, and the head:")
     for path, what in (("gantry.safe_z_um", "free of every part"), ("gantry.work_z_um", "where it looks from"),
                        ("gantry.touch_z_um", "where it just touches the bare board")):  # fmt: skip
@@ -248,12 +258,12 @@ def meter(setup: Setup) -> None:
         if there is not None:
             say(f"{setup.file} still has one: delete its table [meter] there by hand.")
         return
-    address = setup.dialogue.ask(
+    address = setup.ask(
         "meter.address", "Its address, host:port or a serial port", str(now.get("address", "")), _meter_address
     )
     values: dict[str, Value] = {"meter.kind": "scpi", "meter.address": address}
     say("If the needle has a second wire that only metal joins to the first, contact can be proved.")
-    proof = setup.dialogue.ask(
+    proof = setup.ask(
         "meter.contact_channel", "Scanner channel of that wire, or none",
         str(now.get("contact_channel", "none")), _channel,
     )  # fmt: skip
@@ -279,7 +289,7 @@ def sockets(setup: Setup) -> None:
     values: dict[str, Value] = {}
     for key, default in (("control", "tcp://127.0.0.1:5555"), ("events", "tcp://127.0.0.1:5556")):
         now = read_value(setup.text(), f"api.{key}") or default
-        values[f"api.{key}"] = setup.dialogue.ask(f"api.{key}", f"Socket of {key}", str(now), text)
+        values[f"api.{key}"] = setup.ask(f"api.{key}", f"Socket of {key}", str(now), text)
     setup.write(values)
 
 

@@ -12,9 +12,9 @@ from pathlib import Path
 
 from daemon.platform.atomic_file import FOR_THE_GROUP, replace_whole
 from daemon.platform.plain_file import read_small
-from daemon.storage.calibration_records import MOST_BYTES
+from daemon.storage.calibration_records import MOST_BYTES, record_file
 
-_FILE, _ALIGNMENT = "alignment.void.json", "alignment.json"
+_FILE = "alignment.void.json"
 
 
 @dataclass(frozen=True)
@@ -35,8 +35,9 @@ def read_void(folder: Path) -> Void | None:
     """Return why the alignment on disk, or that there is none, is void; None if it is not."""
     try:
         note = json.loads(read_small(folder / _FILE))
-        # Of what was void twice, notes of versions before named no moment.
-        if note["made_at"] not in ("", made_at(folder)):
+        # Notes of versions before know no `board_id`, and named no moment where the alignment was void already.
+        means_any = note["made_at"] == "" and "board_id" not in note
+        if not means_any and note["made_at"] != made_at(folder):
             return None
         board_id = note.get("board_id")
         return Void(str(note["why"]), None if board_id is None else str(board_id))
@@ -52,7 +53,7 @@ def made_at(folder: Path) -> str:
     What is void twice is not in force at the second time; it must be void after a start all the same.
     """
     try:
-        return str(json.loads(read_small(folder / _ALIGNMENT, MOST_BYTES))["made_at"])
+        return str(json.loads(read_small(record_file(folder, "alignment"), MOST_BYTES))["made_at"])
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return ""
 

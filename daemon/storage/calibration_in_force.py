@@ -28,6 +28,7 @@ from daemon.storage.calibration_records import (
     RotationRecord,
     SurfaceRecord,
     read_record,
+    record_file,
 )
 from vision import ProbeModel
 from vision.geometry import PoseMap, Surface
@@ -120,11 +121,6 @@ class InForce:
 def probe_file(folder: Path) -> Path:
     """Return where the taught probe is kept."""
     return folder / "probe.npz"
-
-
-def record_file(folder: Path, what: str) -> Path:
-    """Return where the present record of a kind is kept."""
-    return folder / f"{what}.json"
 
 
 def read_in_force(folder: Path, station: str, conditions: Conditions | None = None) -> InForce:

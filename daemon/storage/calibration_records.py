@@ -263,6 +263,11 @@ Record = MapRecord | RotationRecord | SurfaceRecord | BacklashRecord | Alignment
 _RECORDS: TypeAdapter[Record] = TypeAdapter(Annotated[Record, Field(discriminator="what")])
 
 
+def record_file(folder: Path, what: str) -> Path:
+    """Return where the present record of a kind is kept."""
+    return folder / f"{what}.json"
+
+
 def read_record(path: Path) -> Record:
     """Read a record; ValueError that names the file if it holds none, OSError if it cannot be read."""
     return parse_record(read_small(path, MOST_BYTES), path.name)

@@ -8,8 +8,15 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from daemon.platform.atomic_file import FOR_THE_GROUP, replace_whole
 from daemon.platform.plain_file import read_small
-from daemon.storage.calibration_in_force import record_file
-from daemon.storage.calibration_records import MOST_BYTES, Pair, RotationRecord, SeenTarget, Stop, read_record
+from daemon.storage.calibration_records import (
+    MOST_BYTES,
+    Pair,
+    RotationRecord,
+    SeenTarget,
+    Stop,
+    read_record,
+    record_file,
+)
 
 _FILE = "rotation.partial.json"
 _RUN = {"station", "probe", "map_made_at", "control_um", "angles"}

@@ -31,10 +31,9 @@ from daemon.storage.calibration_in_force import (
     probe_file,
     read_in_force,
     read_probe,
-    record_file,
     with_file,
 )
-from daemon.storage.calibration_records import AlignmentRecord, Record, parse_record
+from daemon.storage.calibration_records import AlignmentRecord, Record, parse_record, record_file
 from daemon.storage.calibration_resume import Partial
 from vision import ProbeModel
 from vision.geometry import PoseMap, Surface
@@ -206,13 +205,19 @@ class Calibrations:
 
     def require_board(self, board: Board, board_id: str | None) -> None:
         """Raise `Fault` if the board in the nest, by its id if the client gave one, has to be aligned first."""
-        now = self.in_force
-        if now.void is not None:
-            why = f"nothing is corrected or touched before the board is aligned: {now.void.why}"
-            raise _unaligned(why, board_id or now.void.board_id)
-        aligned = now.alignment(board)
-        if board_id is not None and (aligned is None or aligned.board_id != board_id):
-            raise _unaligned(f"board {board_id} has not been aligned", board_id)
+        void, aligned = self.in_force.void, self.in_force.alignment(board)
+        if void is not None:
+            why = f"nothing is corrected or touched before the board is aligned: {void.why}"
+            board_id = board_id or void.board_id
+        elif board_id is not None and (aligned is None or aligned.board_id != board_id):
+            why = f"board {board_id} has not been aligned"
+        else:
+            return
+        if board_id is None:
+            raise Fault(FaultCode.NOT_ALIGNED, why)
+        # Aligned without its id it would be refused to the next who names it.
+        advice = f"send `align` for it (`board_id`, typed --board-id {shlex.quote(board_id)}); see that it lies flat"
+        raise Fault(FaultCode.NOT_ALIGNED, why, advice=advice, board_id=board_id)
 
     def require_probe(self) -> ProbeModel:
         """Return the taught probe or say that there is none."""
@@ -237,14 +242,6 @@ class Calibrations:
 def _why(now: InForce, what: str, fact: str) -> str:
     why = now.problems.get(what)
     return f"{fact}: {why}" if why else fact
-
-
-def _unaligned(why: str, board_id: str | None) -> Fault:
-    """Return the refusal of a board that has to be aligned first; under its id, where it is known by one."""
-    if board_id is None:
-        return Fault(FaultCode.NOT_ALIGNED, why)
-    advice = f"send `align` for it (`board_id`, typed --board-id {shlex.quote(board_id)}); see that it lies flat"
-    return Fault(FaultCode.NOT_ALIGNED, why, advice=advice, board_id=board_id)
 
 
 def _no_map(message: str, **detail: object) -> Fault:

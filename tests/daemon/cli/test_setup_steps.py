@@ -15,11 +15,12 @@ from daemon.cli import setup as guided
 from daemon.cli import setup_file_steps as file_steps
 from daemon.cli import setup_station_steps as station_steps
 from daemon.cli.app import app
+from daemon.cli.last_resort import UNFORESEEN
 from daemon.cli.setup_dialogue import Dialogue, StepFailed
 from daemon.cli.setup_file_steps import Setup
 from daemon.client import Refused
 from daemon.config.model import load_config
-from daemon.tools.setup import Answering, Notes, with_values
+from daemon.tools.setup import Answering, Notes, read_value, with_values
 
 ROOT = Path(__file__).parents[3]
 pytestmark = pytest.mark.usefixtures("logging_as_before")
@@ -73,6 +74,18 @@ def test_what_was_measured_or_written_by_hand_since_is_offered_and_a_direction_s
     assert written["axes"]["x"]["maximum"] == pytest.approx(195_000.0)
     assert written["axes"]["y"]["homing_method"] == 21
     assert written["gantry"]["touch_z_um"] == pytest.approx(4_321.0)
+
+
+@pytest.mark.parametrize(("step", "key"), [
+    ("name", "station.name"), ("name", "station.data_dir"), ("sockets", "api.control"), ("meter", "meter.address"),
+])  # fmt: skip
+def test_what_was_written_by_hand_since_it_was_answered_stays(tmp_path: Path, step: str, key: str) -> None:
+    file = tmp_path / "station.toml"
+    answers = ["y", "127.0.0.1:5025", "none"] if step == "meter" else ["tcp://127.0.0.1:7001", "tcp://127.0.0.1:7002"]
+    _only(file, step, *answers)
+    file.write_text(with_values(file.read_text(), {key: "10.0.0.9:5025"}))
+    _only(file, step, *[""] * 5)
+    assert read_value(file.read_text(), key) == "10.0.0.9:5025"
 
 
 @pytest.mark.parametrize("address", ["192.168.0.7:abc", "127.0.0.1:", "127.0.0.1:99999", ":502"])
@@ -133,7 +146,7 @@ def test_going_back_is_offered_where_there_is_something_to_go_back_to(
 ) -> None:
     file = tmp_path / "station.toml"
     file.write_text((ROOT / "systemd" / "station.example.toml").read_text())
-    said = _walk(monkeypatch, file, *names, answers=["ipc:///tmp/frames" if "camera" in names else "s", "s", "s"])
+    said = _walk(monkeypatch, file, *names, answers=[f"ipc://{tmp_path}/frames" if "camera" in names else "s", "s", "s"])
     assert ("goes back" in said or "<: the step before" in said) == hinted
 
 
@@ -148,13 +161,13 @@ def test_a_file_that_is_damaged_is_said_with_its_line_and_stays(tmp_path: Path, 
     file = tmp_path / "station.toml"
     damaged = (ROOT / "systemd" / "station.example.toml").read_text() + "\n[meter]\nchannels = {\n"
     file.write_text(damaged)
-    answers = [str(ROOT / "sim_hw" / "demo_board"), "", ""] if step == "board" else ["ipc:///tmp/x", "", "", ""]
+    answers = [str(ROOT / "sim_hw" / "demo_board"), "", ""] if step == "board" else [f"ipc://{tmp_path}/x", "", "", ""]
     result = CliRunner().invoke(app, ["setup", "-c", str(file), "--only", step], input="\n".join([*answers, "q", ""]))
     assert result.exit_code == 1
     assert f"{file} cannot be read" in result.output
     assert "at line" in result.output
     assert "Traceback" not in result.output
-    assert "unforeseen" not in result.output
+    assert UNFORESEEN not in result.output
     assert file.read_text() == damaged
 
 
@@ -174,7 +187,7 @@ def test_a_value_of_another_kind_ends_no_step_unforeseen(tmp_path: Path, step: s
     answers = [str(ROOT / "sim_hw" / "demo_board"), "", ""] if step == "board" else ["y", "127.0.0.1:5025", "none"]
     said = _only(file, step, *(answers if step != "mechanics" else []), *[""] * 60)[1]
     assert "Traceback" not in said
-    assert "unforeseen" not in said
+    assert UNFORESEEN not in said
 
 
 @pytest.mark.parametrize("channel", ["101.5", "nan", "-1", "1e3", "2000000"])

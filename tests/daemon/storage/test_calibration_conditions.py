@@ -120,11 +120,14 @@ def test_an_alignment_that_was_made_void_twice_is_void_after_a_start(tmp_path: P
     assert "alignment" not in again.records
 
 
-def test_a_void_written_before_boards_were_named_in_it_is_read(tmp_path: Path) -> None:
-    (tmp_path / "alignment.void.json").write_text('{"made_at": "", "why": "refused"}')
-    again = Calibrations(tmp_path, STATION)
-    again.load()
-    assert again.in_force.void == Void("refused")
+def test_a_void_of_a_version_before_that_named_no_moment_is_of_what_lies_there(tmp_path: Path) -> None:
+    """Where the alignment was void already; a note of today means what it names, be it that there is none."""
+    Calibrations(tmp_path, STATION).store(alignment_record(station=STATION, probe="", made_at=NOW))
+    for board, void in (("", Void("refused")), (', "board_id": null', None)):
+        (tmp_path / "alignment.void.json").write_text(f'{{"made_at": "", "why": "refused"{board}}}')
+        again = Calibrations(tmp_path, STATION)
+        again.load()
+        assert again.in_force.void == void
 
 
 def test_a_void_that_could_not_be_removed_is_not_of_the_next_alignment(tmp_path: Path) -> None:
