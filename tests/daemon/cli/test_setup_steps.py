@@ -146,7 +146,9 @@ def test_going_back_is_offered_where_there_is_something_to_go_back_to(
 ) -> None:
     file = tmp_path / "station.toml"
     file.write_text((ROOT / "systemd" / "station.example.toml").read_text())
-    said = _walk(monkeypatch, file, *names, answers=[f"ipc://{tmp_path}/frames" if "camera" in names else "s", "s", "s"])
+    said = _walk(
+        monkeypatch, file, *names, answers=[f"ipc://{tmp_path}/frames" if "camera" in names else "s", "s", "s"]
+    )
     assert ("goes back" in said or "<: the step before" in said) == hinted
 
 
