@@ -16,6 +16,7 @@ from daemon.config.problems import told
 from daemon.config.sections.devices import BusSection
 from daemon.domain.board import Board
 from daemon.platform.atomic_file import replace_whole
+from daemon.platform.plain_file import read_small
 from daemon.tools.board_import import Options, import_board
 from daemon.tools.setup import (
     Answering,
@@ -47,7 +48,7 @@ class Setup:
         if not self.file.exists():
             return example()
         try:
-            content = self.file.read_text(encoding="utf-8-sig")
+            content = read_small(self.file).decode("utf-8-sig")
             tomllib.loads(content)
         except (OSError, ValueError, RecursionError) as exc:
             raise StepFailed(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 import tomllib
 from pathlib import Path
@@ -171,6 +172,13 @@ def test_a_file_that_is_damaged_is_said_with_its_line_and_stays(tmp_path: Path, 
     assert "Traceback" not in result.output
     assert UNFORESEEN not in result.output
     assert file.read_text() == damaged
+
+
+@pytest.mark.parametrize("step", ["name", "mechanics", "meter", "sockets"])
+def test_a_pipe_is_no_file_to_wait_for(tmp_path: Path, step: str) -> None:
+    os.mkfifo(tmp_path / "station.toml")
+    said = CliRunner().invoke(app, ["setup", "-c", str(tmp_path / "station.toml"), "--only", step], input="q\n").output
+    assert "cannot be read" in said
 
 
 @pytest.mark.parametrize(("step", "key", "value"), [
