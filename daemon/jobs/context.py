@@ -203,6 +203,8 @@ class JobContext:
         self._last_pictured: LookResult | None = None
         self.looks = 0
         self.moves = 0
+        self.lifts = 0
+        """Of the moves those straight up and down that only asked whether the pin is free."""
         self.partial = Outcome("failed")
         """What is known even if the job fails half-way."""
         self.progress = tell_progress
@@ -232,6 +234,11 @@ class JobContext:
         """Take one transition; from here on time is booked under the new state."""
         self.watch.enter(self._fire(event).value)
         self._fired += 1
+
+    @property
+    def steps(self) -> int:
+        """How many moves were more than a question of whether the pin is free."""
+        return self.moves - self.lifts
 
     def saw(self, look: LookResult) -> None:
         """Count a look; only the frames that may be wanted again stay in memory, for a frame is 6 MB."""

@@ -140,6 +140,7 @@ class JobRunner:
         """Do what the job asks for; take the machine's last transition however it ends."""
         end = Event.ON_TARGET
         met: Fault | None = None
+        departures = self._departures
         try:
             await self._journal.reserve_seqs()
             if ticket.cancelled:
@@ -158,17 +159,23 @@ class JobRunner:
         finally:
             unsafe: list[Fault] = []
             try:
-                await self._make_safe(job, met, unsafe)
+                await self._make_safe(job, met, unsafe, moved=self._departures != departures)
             finally:
                 self._end_contact(ticket)
                 # The job's own trouble came first; what failed after it is usually its consequence.
                 self._latch.end(end, *self._latched_by(met), *unsafe, passing=met)
 
-    async def _make_safe(self, job: JobContext, met: Fault | None, unsafe: list[Fault]) -> None:
+    @property
+    def _departures(self) -> int:
+        """How many moves the needle of the station has heard of; 0 where there is no station."""
+        context = self._with.context()
+        return context.station.needle.departures if context is not None else 0
+
+    async def _make_safe(self, job: JobContext, met: Fault | None, unsafe: list[Fault], *, moved: bool) -> None:
         """Stop, raise the needle and darken after a job that began; a cancellation waits until that is done."""
         context = self._with.context()
         if context is not None and self._latch.state in BUSY:
-            await finish(make_safe(context.station, self._latch, met, job.watch, unsafe))
+            await finish(make_safe(context.station, self._latch, met, job.watch, unsafe, moved=moved))
 
     def _latched_by(self, fault: Fault | None) -> tuple[Fault, ...]:
         """Return what keeps the daemon in fault: a latched fault, or that homing moved something and did not end.

@@ -21,19 +21,23 @@ from daemon.station.station import Station
 from drivers.deadline import Deadline
 
 DARK_WITHIN_S = 2.0
+UNSEEN = frozenset({FaultCode.TIP_NOT_FOUND})
+"""After these nobody has seen where the tip is: Z may stand lower than its drive counts."""
 log = structlog.get_logger(__name__)
 
 
 async def make_safe(
-    station: Station, latch: FaultLatch, ended_by: Fault | None, watch: Stopwatch, found: list[Fault]
-) -> None:
+    station: Station, latch: FaultLatch, ended_by: Fault | None, watch: Stopwatch, found: list[Fault], *,
+    moved: bool = True,
+) -> None:  # fmt: skip
     """Leave the station still, with the needle up, and dark; add to `found` what could not be done, cause first.
 
     `ended_by`: how the job ended; a needle that may be down stays where it is in a fault in which no axis can be
-    trusted.
+    trusted. `moved`: the job has moved the head; where it then did not see the tip, that is raised, whatever Z counts.
     """
     await _stop(station, found)
-    if station.needle.may_be_down:
+    unseen = moved and ended_by is not None and ended_by.kind in UNSEEN
+    if station.needle.may_be_down or unseen:
         found += await _raise(station, _unsafe((ended_by, *found, *latch.causes), latch))
     await _darken(station, watch, found)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from typing import Any
 
 from daemon.domain.board import BoardPoint
@@ -12,8 +12,8 @@ from daemon.domain.states import Event
 from daemon.jobs.context import JobContext, Outcome, StationContext
 from daemon.procedures.aiming import known_beforehand, look_and_aim
 from daemon.procedures.board_in_nest import require_board
-from daemon.procedures.descent import LOOKS_FOR_TIP
-from daemon.procedures.height import ABOUT_UM, describe_height, refuse_pushed, require_free
+from daemon.procedures.free_needle import see_free
+from daemon.procedures.height import describe_height, refuse_pushed
 from daemon.procedures.look_numbers import describe
 from daemon.procedures.place_seen import confirm_place, too_far_um
 from daemon.procedures.seat_state import seat_shifts
@@ -21,7 +21,6 @@ from daemon.procedures.sites import sited
 from daemon.station.station import Search
 from daemon.wire.operations.jobs import Home, Lift, Look, Place
 from drivers.gantry import Position
-from vision import Tip
 
 ARRIVED_WITHIN_UM = 10.0
 FREE_LOOK_REACH_UM = 1000.0
@@ -95,22 +94,6 @@ async def _seen_there(
     job: JobContext, context: StationContext, position: Position, point: BoardPoint | None
 ) -> tuple[Position, dict[str, Any]]:
     """See that the tip is over the place, and free; return where the head stands then, and what the answer tells."""
-    try:
-        seen = await confirm_place(job, context, position, point)
-    except Fault:
-        await _see_free(job, context, position)  # what lies there instead may be higher
-        raise
-    return await _see_free(job, context, position), seen
-
-
-async def _see_free(job: JobContext, context: StationContext, position: Position) -> Position:
-    """Where the needle was lowered by a measured surface, see that it hovers: another board may lie there by now.
-
-    Where the tip is not seen, it is raised to where no board can be. Returns where it is.
-    """
-    pose_map, probe = context.calibrations.pose_map, context.calibrations.probe
-    if pose_map is None or probe is None or position.z_um >= context.gantry.free_z_um - ABOUT_UM:
-        return position
 
     async def go(target: Position) -> Position:
         job.fire(Event.OFF_TARGET)
@@ -119,13 +102,12 @@ async def _see_free(job: JobContext, context: StationContext, position: Position
         job.fire(Event.ARRIVED)
         return reached
 
-    for _ in range(LOOKS_FOR_TIP):
-        look = await context.station.look_white(position, probe, None, job)
-        job.saw(look)
-        if isinstance(look.tip, Tip):
-            await require_free(job, context, pose_map, go)
-            return position
-    return await go(replace(position, z_um=context.gantry.free_z_um))
+    try:
+        seen = await confirm_place(job, context, position, point)
+    except Fault:
+        await see_free(job, context, position, go)  # what lies there instead may be higher
+        raise
+    return await see_free(job, context, position, go), seen
 
 
 async def look(job: JobContext, context: StationContext, request: Look) -> Outcome:

@@ -14,6 +14,7 @@ from daemon.domain.states import Event
 from daemon.jobs.context import JobContext, Outcome, StationContext
 from daemon.procedures.aiming import Aim, Prior, another_view_helps, known_beforehand, look_and_aim
 from daemon.procedures.board_in_nest import require_board
+from daemon.procedures.free_needle import see_free
 from daemon.procedures.height import describe_height, require_free
 from daemon.procedures.registered import recognise
 from daemon.procedures.sites import extent_um, sited
@@ -34,17 +35,17 @@ async def correct(job: JobContext, context: StationContext, request: Correct) ->
     job.fire(Event.ACCEPTED)
     start = await _to_look_height(job, context, start)
     landed = await bring_onto(job, context, start, point, pose_map)
-    outcome = "corrected" if landed.moves else "already_on_target"
+    outcome = "corrected" if landed.steps else "already_on_target"
     return _outcome(outcome, point, landed.before_um, landed.aim, context)
 
 
 @dataclass(frozen=True)
 class Landed:
-    """The tip is on the target, as the last look showed: how far it was off before, and how many moves it took."""
+    """The tip is on the target, as the last look showed: how far it was off before, and how many steps it took."""
 
     before_um: float
     aim: Aim
-    moves: int
+    steps: int
     begun_elsewhere: bool = False
     """Whether the head was put elsewhere first, so that `before_um` says nothing of where it stood."""
 
@@ -57,25 +58,25 @@ async def bring_onto(
 
     `astray`: any way may have ended beside its place, and what is seen off it says nothing of the board.
     """
-    begun = job.moves
+    begun = job.steps
     aim = await _first_aim(job, context, start, point, pose_map, known_beforehand(context, astray=astray))
     before_um = math.dist(aim.place_um, (start.x_um, start.y_um))
     job.partial.error_before_um = round(before_um, 2)
     tolerance_um = context.servo.tolerance_um
     if aim.error_um <= tolerance_um:
-        return Landed(before_um, aim, job.moves - begun)
-    while job.moves - begun < context.servo.max_moves:
+        return Landed(before_um, aim, job.steps - begun)
+    while job.steps - begun < context.servo.max_moves:
         clear = await context.clearance.as_seen(aim.shift_um)
         position = await _step(job, context, aim.look.position, _way(aim), pose_map, clear)
         last_um = aim.error_um
         aim = await _look(job, context, position, point, pose_map, aim.firm)
         job.partial.error_after_um = round(aim.error_um, 2)
         if aim.error_um <= tolerance_um:
-            return Landed(before_um, aim, job.moves - begun)
+            return Landed(before_um, aim, job.steps - begun)
         _must_shrink(last_um, aim.error_um, context.servo.scatter_um)
     raise Fault(
         FaultCode.NOT_CONVERGING,
-        f"still {aim.error_um:.0f} um off after {job.moves - begun} moves (tolerance {tolerance_um:.0f} um)",
+        f"still {aim.error_um:.0f} um off after {job.steps - begun} moves (tolerance {tolerance_um:.0f} um)",
         error_um=round(aim.error_um, 1),
     )
 
@@ -91,7 +92,7 @@ async def _first_aim(
     one step may go, it goes to the other side. What is unclear from there too is a fault,
     and so is what kept the step, or the look from there, from being taken; the head goes back to where it was.
     """
-    begun = job.moves
+    begun = job.steps
     try:
         return await _look(job, context, start, point, pose_map, prior)
     except Fault as fault:
@@ -113,7 +114,7 @@ async def _first_aim(
                 raise  # no axis is to be moved any more, or not down again
             if not another_view_helps(context, failed, prior):
                 break
-    if job.moves > begun:
+    if job.steps > begun:
         await _step(job, context, start, (0.0, 0.0), pose_map)
     raise _first_cause(unclear, failed, told=failed is None or another_view_helps(context, failed, prior))
 
@@ -137,9 +138,14 @@ def _look_z_um(context: StationContext, here: Position) -> float:
 
 
 async def _to_look_height(job: JobContext, context: StationContext, here: Position) -> Position:
-    """Bring Z to where looks are taken at this place, unless it is there."""
+    """Bring Z to where looks are taken at this place, unless it is there; what was let down is seen to be free."""
     slow_um = context.geometry.slow_z_um(here)
-    return await context.station.to_height(here, _look_z_um(context, here), job, slow_z_um=slow_um)
+
+    async def go(target: Position) -> Position:
+        return await context.station.go(target, job, slow_z_um=slow_um)
+
+    at = await context.station.to_height(here, _look_z_um(context, here), job, slow_z_um=slow_um)
+    return await see_free(job, context, at, go) if at.z_um < here.z_um else at
 
 
 async def _look(
@@ -155,6 +161,7 @@ async def _look(
     async def go(target: Position) -> Position:
         job.fire(Event.OFF_TARGET if job.moves else Event.SEEN)
         job.moves += 1
+        job.lifts += 1
         reached = await context.station.go(target, job, slow_z_um=context.geometry.slow_z_um(target))
         job.fire(Event.ARRIVED)
         return reached

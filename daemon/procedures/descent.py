@@ -14,6 +14,7 @@ from daemon.domain.states import Event
 from daemon.jobs.context import JobContext, StationContext
 from daemon.platform.clock import utc_now
 from daemon.procedures.aiming import require_tip
+from daemon.procedures.free_needle import LOOKS_FOR_TIP
 from daemon.procedures.height import require_free
 from daemon.station.free_pin import FreePin
 from drivers.gantry import Position
@@ -22,8 +23,6 @@ from vision.geometry import PoseMap
 
 FREE_WITHIN_UM = 40.0
 """A pin that came out of a press is seen as near as this to where it stood free; single looks scatter by 8 um."""
-LOOKS_FOR_TIP = 3
-"""A glint may hide the tip in one picture."""
 
 
 @dataclass(frozen=True)

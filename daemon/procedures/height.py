@@ -23,6 +23,8 @@ PUSHED_UM = FLEX_WITHIN_UM
 """So much is a push, for a look that must move nothing and cannot ask further: 3.5 sigma."""
 NO_FLEX_UM = 120.0
 """So much is no flex any more: five sigma."""
+LOST_STEPS_UM = 240.0
+"""So much where no board can be is a Z that stands lower than it counts, or a needle that is not the taught one."""
 ABOUT_UM = 5.0
 RISEN_UM = 20.0
 """A pin that was pushed in comes out by more than this when it is lifted where it stands."""
@@ -68,6 +70,8 @@ def pushed_um(context: StationContext, look: LookResult | None, pose_map: PoseMa
 def refuse_pushed(context: StationContext, look: LookResult, pose_map: PoseMap) -> None:
     """Raise `Fault` if a look shows a pin that is certainly pushed in; for looks that must move nothing."""
     up_um = pushed_um(context, look, pose_map)
+    if up_um > LOST_STEPS_UM and _no_board_reaches(context, look.position):
+        raise _lower_than_counted(look.position, up_um)
     if up_um > PUSHED_UM:
         context.station.needle.board.end()
         raise _touching(up_um)
@@ -80,7 +84,8 @@ async def require_free(
 
     Camera and needle flex from stop to stop by as much as a small push, so a suspect is lifted where it stands: only a
     pushed pin comes out. A free one is brought back down. What flex may hide is felt by a touch sense, where one is
-    fitted: it is asked before a board is trusted, unless the caller does so next (`feel`).
+    fitted: it is asked before a board is trusted, unless the caller does so next (`feel`). Where no board is so high, a
+    pushed pin tells that Z lost steps: its drive counts on, and nothing else tells so before the next press.
     """
     look = job.last_look
     up_um = pushed_um(context, look, pose_map)
@@ -89,11 +94,10 @@ async def require_free(
     if up_um <= SUSPECT_UM:
         await _trust_board(job, context, look.position, go if feel else None)
         return
-    if look.position.z_um >= context.gantry.free_z_um - ABOUT_UM:
-        return  # no board is so high
     here, tip = look.position, look.tip
+    too_high, safe_um = _no_board_reaches(context, here), context.gantry.safe_z_um
     above_um = max(context.gantry.free_z_um, here.z_um + context.gantry.surface_range_um)
-    above = await go(replace(here, z_um=min(above_um, context.gantry.safe_z_um)))
+    above = await go(replace(here, z_um=safe_um if too_high else min(above_um, safe_um)))
     lifted = await context.station.look_white(above, context.calibrations.require_probe(), None, job)
     job.saw(lifted)
     if not isinstance(lifted.tip, Tip):
@@ -104,8 +108,10 @@ async def require_free(
     risen_um = pose_map.height_from_shift_um((tip.x_px - lifted.tip.x_px, tip.y_px - lifted.tip.y_px))
     if risen_um > RISEN_UM:
         context.station.needle.board.end()
-        raise _touching(risen_um)
-    if up_um > NO_FLEX_UM:
+        raise _lower_than_counted(here, risen_um) if too_high else _touching(risen_um)
+    if too_high and up_um > LOST_STEPS_UM:
+        raise _lower_than_counted(here, up_um)
+    if not too_high and up_um > NO_FLEX_UM:
         raise Fault(
             FaultCode.WRONG_HEIGHT,
             f"the tip stands {up_um:.0f} um higher in the picture than it was taught, lifted or not",
@@ -117,7 +123,7 @@ async def require_free(
 
 async def _trust_board(job: JobContext, context: StationContext, position: Position, go: Go | None) -> None:
     """Where a higher board than was measured would have pushed the pin in, a free one shows that none lies there."""
-    if position.z_um >= context.gantry.free_z_um - ABOUT_UM:
+    if _no_board_reaches(context, position):
         return
     board = context.station.needle.board
     station = context.station
@@ -143,6 +149,23 @@ async def lift_off_metal(
         )
     if back:
         await go(here)
+
+
+def _no_board_reaches(context: StationContext, position: Position) -> bool:
+    """Whether the needle is free by Z's count whatever board lies below."""
+    return position.z_um >= context.gantry.free_z_um - ABOUT_UM
+
+
+def _lower_than_counted(here: Position, by_um: float) -> Fault:
+    return Fault(
+        FaultCode.AXIS_STALLED,
+        f"Z may stand lower than it counts: at {here.z_um / 1e3:.2f} mm, where no board can be, the tip stood "
+        f"{by_um:.0f} um higher in the picture than a free one",
+        advice="see that nothing blocks Z, then `reset` and `home`; if it comes again, the board is higher than "
+        "gantry.surface_range_um allows, or the needle is not the one that was taught",
+        axis="z",
+        pushed_um=round(by_um, 1),
+    )
 
 
 def _touching(by_um: float) -> Fault:

@@ -176,7 +176,7 @@ class PointUnderTest:
             landed = await bring_onto(job, context, here, point, context.require_map(), astray=True)
             landed = replace(landed, begun_elsewhere=True)
         self.health.points_unseen = 0
-        if landed.moves:
+        if landed.steps:
             self._stays_since = len(self.attempts)
         self.sigma_um = round(landed.aim.correction.sigma_um, 2)
         self._seen = True

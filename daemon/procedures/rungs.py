@@ -50,7 +50,7 @@ async def _look(at: PointUnderTest) -> None:
     else:
         landed = await at.see(await at.place())
     if at.budget.touches > 0 and at.budget.presses > 0:
-        by = Rung.LOOK if landed.moves else Rung.PUMP
+        by = Rung.LOOK if landed.steps else Rung.PUMP
         await at.touch(landed.aim.look.position, by, at.context.config.press_um)
 
 

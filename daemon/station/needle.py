@@ -63,6 +63,8 @@ class Needle:
         """Set while the pin may be pushed in: from before it goes down until it was seen free, or was homed."""
         self.sight: Sight | None = None
         """What the last look showed of target and needle; None once the head has moved."""
+        self.departures = 0
+        """How many moves it has heard of."""
 
     def adopt(self, work_um: HeightAt, surface_um: HeightAt) -> None:
         """Judge by other heights from here on: of looks, and of the surface, um, each at a position of the head."""
@@ -120,6 +122,7 @@ class Needle:
     def departs(self, target: Position) -> None:
         """Hear of a move that begins. It is down from here on if the move leads there; up it is when it has arrived."""
         self._position = self._z_um = self.sight = None
+        self.departures += 1
         if target.z_um < self._work_um(target) - HEIGHT_WINDOW_UM:
             self._known = NeedlePlace.DOWN
 

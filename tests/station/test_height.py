@@ -119,6 +119,35 @@ def test_another_board_than_was_measured_is_found_out_and_the_needle_lifted(rig:
         assert client.request("status")["state"] == "idle"
 
 
+def test_a_z_that_loses_steps_on_its_way_up_rests_on_no_board(rig: Rig) -> None:
+    """The drive counts on, so that the next way down ends too deep, where no board should be reached at all."""
+    with rig.client() as client:
+        assert client.job("place", test_point="TP1").ok
+        low_um = rig.truth()["axes"]["z_um"]
+        stalled: list[bool] = []
+
+        def stall_on_the_way_up(truth: Truth) -> None:
+            if not stalled and truth["axes"]["z_um"] > low_um + 500.0:
+                stalled.append(True)
+                rig.bench.ask("fault", name="stall", on=True, axis="z", detected=False)
+            elif stalled == [True] and truth["axes"]["x_um"] > x_um + 500.0:
+                stalled.append(False)
+                rig.bench.ask("fault", name="stall", on=False)
+
+        x_um = rig.truth()["axes"]["x_um"]
+        placed, truths = _watched(rig, client, "place", stall_on_the_way_up, test_point="TP8")
+        assert stalled == [True, False], "it did not stall, or not on the way up"
+        assert max(truth["pressed_um"] for truth in truths) > 100.0, "nothing was lost"
+        assert placed.error is not None
+        assert placed.error.name == "axis_stalled"
+        assert rig.truth()["pressed_um"] == 0.0
+        assert _dragged_um(truths) < 2.0
+        assert client.request("status")["fault"]["name"] == "axis_stalled"
+        client.raw(b'{"op": "reset"}', timeout_s=60.0)  # it answers that homing is left to do
+        assert client.job("home").ok
+        assert client.job("place", test_point="TP8").ok
+
+
 def test_a_z_that_loses_steps_while_pressed_drags_nothing_over_the_board(rig: Rig) -> None:
     """The drive counts on; only the picture shows that the needle did not lift."""
     stalled: list[float] = []

@@ -14,9 +14,11 @@ from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.states import Event, State
 from daemon.jobs.context import JobContext, Outcome
 from drivers.errors import CameraError, EmergencyStop, LimitHit, LinkTimeout, Stalled
+from drivers.gantry import Position
 from tests.daemon.jobs.runner_at_work import (
     PRESSED_UM,
     SAFE_UM,
+    WORK_UM,
     Body,
     Gate,
     Line,
@@ -63,6 +65,25 @@ async def test_however_a_job_ends_a_pressed_needle_is_raised_before_it_is_dark(t
         assert states[-1][1] >= 3, "the last transition comes after all of it"
         assert line.station.needle.is_up
         assert all(cause.kind is not FaultCode.NEEDLE_DOWN for cause in line.latch.causes)
+
+
+@pytest.mark.parametrize("moves", [False, True])
+async def test_a_job_that_moved_and_did_not_see_the_tip_raises_it_whatever_z_counts(
+    tmp_path: Path, moves: bool
+) -> None:
+    """Z may stand lower than its drive says; one that moved nothing leaves the head where it was."""
+    async with at_work(tmp_path) as line:
+
+        async def body(job: JobContext) -> Outcome:
+            job.fire(Event.ACCEPTED)
+            if moves:
+                line.station.needle.departs(Position(0.0, 0.0, WORK_UM, 0.0))
+                line.station.at(WORK_UM)
+            return await raising(Fault(FaultCode.TIP_NOT_FOUND))(job)
+
+        line.body = body
+        await line.do()
+        assert ("raise" in line.did) is moves
 
 
 async def test_a_cancelled_job_stops_raises_and_darkens(tmp_path: Path) -> None:

@@ -156,6 +156,8 @@ class FakeGantry:
     """Of each move: how low it may go across, None where nobody knows."""
     sticks_at_um: float | None = None
     """Z stays there from now on, whatever it is told, and counts on: lost steps."""
+    lost_z_um: float = 0.0
+    """Z stands so much lower than it counts."""
     checked: list[Position] = field(default_factory=list)
     stopped: int = 0
     homings: int = 0
@@ -224,7 +226,7 @@ class FakeGantry:
         self.reported = replace(place, x_um=place.x_um + off_x, y_um=place.y_um + off_y, z_um=place.z_um + off_z)
         self.actual = replace(
             self.reported,
-            z_um=self.reported.z_um if self.sticks_at_um is None else self.sticks_at_um,
+            z_um=self.reported.z_um - self.lost_z_um if self.sticks_at_um is None else self.sticks_at_um,
             x_um=self.reported.x_um + scatter_x + play["x"],
             y_um=self.reported.y_um + scatter_y + play["y"],
         )
@@ -372,6 +374,10 @@ class World:
         self.height_um: Callable[[float, float], float] = lambda _x, _y: 0.0
         self.push_scale = 1.0
         """How far a pushed tip seems to move, beside what the map says."""
+        self.deepest_seen_um = math.inf
+        """A pin that is pushed in farther is no picture of a needle."""
+        self.hidden_below_um = -math.inf
+        """The ground hides a tip whose Z is lower."""
         self.pads = list(board.points)
         self.strays_um: list[tuple[float, float, float]] = []
         """Round bright things CAD does not know: board x, y and diameter."""
@@ -465,6 +471,8 @@ class World:
 
     def see_tip(self) -> Tip | NotFound:
         _, push_um = self._lift_um(self.tip_um())
+        if push_um > self.deepest_seen_um or self.gantry.actual.z_um < self.hidden_below_um:
+            return NotFound(Reason.NO_NEEDLE, "no needle")
         flex, shift = self.flex_px(), -push_um / HOVER_UM * self.push_scale * np.array(BELOW_PX)
         return found_tip(float(TIP_PX[0] + flex[0] + shift[0]), float(TIP_PX[1] + flex[1] + shift[1]))
 

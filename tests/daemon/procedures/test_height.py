@@ -12,6 +12,7 @@ import pytest
 
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.states import Event
+from daemon.procedures.free_needle import STEP_UM
 from daemon.procedures.height import NO_FLEX_UM, PUSHED_UM, SUSPECT_UM
 from daemon.procedures.registry import PROCEDURES
 from daemon.storage.calibration_records import SurfaceRecord, Touch
@@ -193,6 +194,7 @@ async def test_a_flex_that_looks_like_a_push_is_looked_at_from_above_and_costs_n
     world.flex_px = lambda: flex
     world.put_beside("P11", (4.0, 0.0))
     ran = await _run(world, CORRECT)
+    assert ran.got.outcome == "already_on_target", "a lift corrects nothing"
     assert ran.got.error_after_um == pytest.approx(4.0, abs=0.1)
     assert [to.z_um for to, _ in world.gantry.moves] == ([5_700.0, WORK_Z_UM] if lifted else [])
     assert ran.events[0] is Event.ACCEPTED
@@ -257,10 +259,89 @@ async def test_a_board_that_was_trusted_and_is_touched_is_trusted_no_more(world:
     assert not world.station.needle.board.holds
 
 
-async def test_place_looks_at_the_pin_only_where_it_came_below_the_free_height(world: World) -> None:
-    assert (await _run(world, PLACE)).job.looks == 0
-    _measured(world, 0.0)
+@pytest.mark.parametrize("measured", [False, True])
+async def test_every_place_looks_once_at_the_pin(world: World, measured: bool) -> None:
+    if measured:
+        _measured(world, 0.0)
     assert (await _run(world, PLACE)).job.looks == 1
+
+
+async def test_a_look_that_confirmed_the_place_has_seen_the_pin_too(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def confirmed(job: Any, context: Any, position: Any, _point: Any) -> dict[str, Any]:
+        job.saw(await context.station.look_white(position, context.calibrations.require_probe(), None, job))
+        return {"confirmed_by": "picture"}
+
+    monkeypatch.setattr("daemon.procedures.basic.confirm_place", confirmed)
+    assert (await _run(world, PLACE)).job.looks == 1
+
+
+# --- a Z that lost steps without its drive telling ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("lost_um", [700.0, 1_500.0, 3_000.0])
+async def test_a_place_where_no_board_can_be_sees_a_z_that_stands_lower_than_it_counts(
+    world: World, lost_um: float
+) -> None:
+    """No drive tells, and nothing else would before the next press: the needle must not rest on the board."""
+    _lift(world)
+    world.gantry.lost_z_um = lost_um
+    fault = await _fault(world, PLACE)
+    assert fault.kind is FaultCode.AXIS_STALLED
+    assert fault.detail["axis"] == "z"
+    assert _pushed_um(world) == 0.0
+    placed, lifted = (to for to, _ in world.gantry.moves)
+    assert lifted == replace(placed, z_um=SAFE_Z_UM)
+
+
+async def test_a_pin_that_stands_so_deep_that_no_tip_is_seen_is_let_down_gently_from_above_and_seen_pushed(
+    world: World,
+) -> None:
+    """A crash is no picture of a needle; a free tip that the ground hides is told from it by its way down."""
+    _lift(world)
+    world.gantry.lost_z_um = 4_700.0
+    world.deepest_seen_um = 1_000.0
+    fault = await _fault(world, PLACE)
+    assert fault.kind is FaultCode.AXIS_STALLED
+    assert _pushed_um(world) == 0.0
+    met_um = [to.z_um - 4_700.0 - 5_000.0 for to, _ in world.gantry.moves[2:]]
+    assert min(met_um) > -STEP_UM, "the second time it meets the board gently"
+
+
+@pytest.mark.parametrize("hidden_to_um", [5_700.0, 7_000.0, 20_000.0])
+async def test_a_tip_that_the_ground_hides_is_raised_to_where_it_is_seen_and_that_is_no_fault(
+    world: World, hidden_to_um: float
+) -> None:
+    _lift(world)
+    world.hidden_below_um = hidden_to_um
+    ran = await _run(world, PLACE)
+    assert ran.got.outcome == "placed"
+    at_um = world.gantry.actual.z_um
+    assert at_um == SAFE_Z_UM if hidden_to_um > SAFE_Z_UM else hidden_to_um <= at_um < hidden_to_um + STEP_UM
+    assert ran.got.detail["position"]["z_um"] == at_um
+
+
+async def test_a_correction_that_must_let_the_needle_down_sees_that_it_is_free(world: World) -> None:
+    world.put_tip(world.pad_um("P11") - (30.0, 0.0), z_um=SAFE_Z_UM)
+    world.gantry.lost_z_um = 4_700.0
+    world.deepest_seen_um = 1_000.0
+    assert (await _fault(world, CORRECT)).kind is FaultCode.AXIS_STALLED
+    assert _pushed_um(world) == 0.0
+
+
+async def test_a_z_that_is_stuck_where_no_board_can_be_leaves_a_reference_in_doubt(world: World) -> None:
+    _lift(world)
+    world.gantry.sticks_at_um = 4_500.0
+    assert (await _fault(world, PLACE)).kind is FaultCode.AXIS_STALLED
+
+
+async def test_a_look_where_no_board_can_be_says_that_z_may_stand_lower(world: World) -> None:
+    world.put_tip(world.pad_um("P11") - (30.0, 0.0), z_um=5_600.0)
+    world.gantry.actual = replace(world.gantry.actual, z_um=4_500.0)
+    fault = await _fault(world, LOOK)
+    assert fault.kind is FaultCode.AXIS_STALLED
+    assert world.gantry.moves == []
 
 
 # --- calibrations -------------------------------------------------------------------------------------------------
