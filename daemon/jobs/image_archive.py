@@ -112,10 +112,9 @@ class ImageArchive:
             raise OSError(errno.ELOOP, "a link is in the place of the pictures' folder")
         _write_plain(folder / NUMBERS, numbers.encode())  # first: by it the folder is known for the daemon's own
         for name, look in looks.items():
-            for kind, pixels in _sheets(look):
-                ok, data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-                if ok:
-                    _write_plain(folder / f"{name}-{kind}.jpg", data.tobytes())
+            for kind, jpeg in _sheets(look):
+                if jpeg is not None:
+                    _write_plain(folder / f"{name}-{kind}.jpg", jpeg)
         self._trim(keep=folder)
 
     def _trim(self, keep: Path) -> None:
@@ -196,11 +195,22 @@ def _write_plain(file: Path, data: bytes) -> None:
         opened.write(data)
 
 
-def _sheets(look: LookResult) -> Iterator[tuple[str, Pixels]]:
-    """Yield what a look leaves: the frames as they were, and what was made of them."""
-    yield "white", look.white.pixels
+def _sheets(look: LookResult) -> Iterator[tuple[str, bytes | None]]:
+    """Yield what a look leaves, JPEG: the frames as the camera coded them, and what was made of them."""
+    yield "white", look.white.jpeg or _coded(look.white.pixels)
     if look.red is not None:
-        yield "red", look.red.pixels
+        yield "red", look.red.jpeg or _coded(look.red.pixels)
+    for kind, drawn in _drawings(look):
+        yield kind, _coded(drawn)
+
+
+def _coded(pixels: Pixels) -> bytes | None:
+    ok, data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    return bytes(data.tobytes()) if ok else None
+
+
+def _drawings(look: LookResult) -> Iterator[tuple[str, Pixels]]:
+    """Yield what was made of a look's frames."""
     if look.tip is not None:
         yield "tip", draw_tip(look.white.pixels, look.tip, near_px=look.expected_tip_px)
     if look.landing is not None:

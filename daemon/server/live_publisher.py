@@ -1,7 +1,8 @@
 """Live publisher: the camera's pictures on a socket of their own, for people who look.
 
-Nothing is taken or encoded while nobody listens. However many listen, each picture is encoded once, and who is slow
-loses pictures, never the daemon. Jobs come first: a picture waits for the camera as a look does, and takes none away.
+Nothing is taken while nobody listens. A picture goes out as the camera coded it; one that comes uncoded is encoded
+once, however many listen. Who is slow loses pictures, never the daemon. Jobs come first: a picture waits for the camera
+as a look does, and takes none away.
 An address that cannot be served keeps nobody from work: it is told once, and tried again now and then.
 """
 
@@ -108,7 +109,7 @@ class LivePublisher:
         except CameraError:  # the station says so itself; here there is just no picture
             await asyncio.sleep(AGAIN_S)
             return
-        jpeg = await asyncio.to_thread(_encoded, frame.pixels)
+        jpeg = frame.jpeg or await asyncio.to_thread(_encoded, frame.pixels)
         await self._part_from_who_lost_a_key()
         if (socket := self._address.socket) is None:
             return

@@ -23,6 +23,8 @@ class Frame:
     sequence: int
     received_s: float
     """When its last byte had come, before it was decoded."""
+    jpeg: bytes | None = None
+    """The same picture as the camera coded it; None where it came otherwise, or cannot be shown anywhere."""
 
 
 @dataclass(frozen=True, slots=True)

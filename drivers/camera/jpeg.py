@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from drivers.camera.contract import Pixels
 
-_START, _END, _SCAN, _INTERVAL = b"\xff\xd8", b"\xff\xd9", 0xDA, 0xDD
+_START, _END, _SCAN, _INTERVAL, _HUFFMAN = b"\xff\xd8", b"\xff\xd9", 0xDA, 0xDD, 0xC4
 # Baseline and extended, the two that may code a picture in one scan (ITU-T T.81, table B.1)
 _FRAMES = (0xC0, 0xC1)
 _RESTART = 0xD0
@@ -27,6 +27,15 @@ def decode_jpeg(data: bytes, width_px: int, height_px: int) -> Pixels | None:
     if pixels is None or pixels.shape != (height_px, width_px, 3):
         return None
     return np.asarray(pixels, np.uint8)
+
+
+def shown_anywhere(data: bytes) -> bytes | None:
+    """Return a whole JPEG picture as any program shows it, without a camera's padding behind it.
+
+    None for one without Huffman tables of its own: Motion JPEG may leave them out, and only some decoders know them.
+    """
+    with_tables = any(code == _HUFFMAN for code, _start, _end in _segments(data))
+    return data.rstrip(b"\0") if with_tables else None
 
 
 def restarts_complete(data: bytes) -> bool:

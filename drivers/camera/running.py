@@ -290,7 +290,12 @@ class RunningCamera:
         self._trouble = None
         got.pixels.setflags(write=False)
         return Frame(
-            got.pixels, grabbed.exposure_start_s, grabbed.exposure_s, grabbed.sequence, received_s=got.received_s
+            got.pixels,
+            grabbed.exposure_start_s,
+            grabbed.exposure_s,
+            grabbed.sequence,
+            received_s=got.received_s,
+            jpeg=got.jpeg,
         )
 
     def _serve(self, bound: list[_Wish], frame: Frame | None) -> None:

@@ -24,6 +24,8 @@ class Retrieved:
 
     pixels: Pixels
     received_s: float
+    jpeg: bytes | None = None
+    """As it came; None where it came otherwise, or cannot be shown anywhere."""
 
 
 class Source(Protocol):

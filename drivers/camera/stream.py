@@ -12,7 +12,7 @@ import numpy as np
 import zmq
 
 from drivers.camera.contract import CameraConfig, Pixels
-from drivers.camera.jpeg import decode_jpeg
+from drivers.camera.jpeg import decode_jpeg, shown_anywhere
 from drivers.camera.running import RunningCamera
 from drivers.camera.source import Grabbed, Retrieved, Settings
 from drivers.errors import CameraError, CameraTimeout
@@ -91,8 +91,10 @@ class StreamSource:
         """Fetch and decode the held picture."""
         got, payload = self._ask({"op": "retrieve"}, self._config.frame_timeout_s)
         received_s = time.monotonic()
-        pixels = self._decode(str(got.get("encoding")), payload)
-        return None if pixels is None else Retrieved(pixels, received_s)
+        encoding = str(got.get("encoding"))
+        pixels = self._decode(encoding, payload)
+        jpeg = shown_anywhere(payload) if encoding == "mjpg" and pixels is not None else None
+        return None if pixels is None else Retrieved(pixels, received_s, jpeg)
 
     def _decode(self, encoding: str, payload: bytes) -> Pixels | None:
         config = self._config

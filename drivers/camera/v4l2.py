@@ -7,9 +7,10 @@ from typing import Any, Final, Protocol
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from drivers.camera.contract import CameraConfig, Pixels
-from drivers.camera.jpeg import decode_jpeg
+from drivers.camera.contract import CameraConfig
+from drivers.camera.jpeg import decode_jpeg, shown_anywhere
 from drivers.camera.running import RunningCamera
 from drivers.camera.source import Grabbed, Retrieved, Settings
 from drivers.errors import CameraError
@@ -162,25 +163,28 @@ class V4L2Source:
     def retrieve(self) -> Retrieved | None:
         """Decode the grabbed buffer."""
         received_s = time.monotonic()
-        pixels = self._decode()
-        return None if pixels is None else Retrieved(pixels, received_s)
+        image = self._buffer()
+        if image is None:
+            return None
+        config = self._config
+        if config.encoding == "mjpg" and (image.ndim != 3 or image.shape[2] != 3):
+            data = image.tobytes()
+            pixels = decode_jpeg(data, config.width_px, config.height_px)
+            return None if pixels is None else Retrieved(pixels, received_s, shown_anywhere(data))
+        if image.shape != (config.height_px, config.width_px, 3):
+            return None
+        # A copy: the library may use its buffer again
+        return Retrieved(np.array(image, np.uint8), received_s)
 
-    def _decode(self) -> Pixels | None:
+    def _buffer(self) -> NDArray[Any] | None:
+        """Return the grabbed buffer as it came; None where there is none."""
         if self._capture is None:
             return None
         try:
             good, image = self._capture.retrieve()
         except cv2.error:
             return None
-        if not good or image is None:
-            return None
-        config = self._config
-        if config.encoding == "mjpg" and (image.ndim != 3 or image.shape[2] != 3):
-            return decode_jpeg(image.tobytes(), config.width_px, config.height_px)
-        if image.shape != (config.height_px, config.width_px, 3):
-            return None
-        # A copy: the library may use its buffer again
-        return np.array(image, np.uint8)
+        return image if good else None
 
     def close(self) -> None:
         """Release the device."""

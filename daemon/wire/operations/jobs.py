@@ -56,12 +56,13 @@ class Place(JobRequest):
     """Put the tip over a test point or a place, by the head model and the board's nominal pose.
 
     The needle hovers at working height over the measured surface, higher over a pad that is told to stand above it;
-    where this board's was not measured, above the highest that is possible. In the result's `detail`: `height`
-    (`measured` or `unknown`), `height_um` or `height_within_um`, `pad_stands_um` where the board file tells how high
-    the pad stands, `pad_height` (`unknown`) of a soldered one of which it does not, and `parallax_um`, how far aside a
-    look may see a pad whose height is unknown; `confirmed_by`: `picture`, the tip was seen there by the board's CAD,
-    `off_um` and `away_um` tell how far off; or `drives`, where nobody could see it or it was seen farther off than a
-    first landing may end, `unconfirmed` tells why (`name`, `message`, `advice`), also where tip or map is missing.
+    where this board's was not measured, above the highest that is possible. With a map, a look sees there that the pin
+    is free; where the tip is not seen, it is raised until it is. In the result's `detail`: `height` (`measured` or
+    `unknown`), `height_um` or `height_within_um`, `pad_stands_um` where the board file tells how high the pad stands,
+    `pad_height` (`unknown`) of a soldered one of which it does not, and `parallax_um`, how far aside a look may see a
+    pad whose height is unknown; `confirmed_by`: `picture`, the tip was seen there by the board's CAD, `off_um` and
+    `away_um` tell how far off; or `drives`, where nobody could see it or it was seen farther off than a first landing
+    may end, `unconfirmed` tells why (`name`, `message`, `advice`), also where tip or map is missing.
     """
 
     ENDS_OVER_POINT = "placed"

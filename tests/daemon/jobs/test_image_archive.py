@@ -30,7 +30,7 @@ from vision.annotate import Landing
 
 
 def _look() -> Any:
-    frame = SimpleNamespace(pixels=np.random.default_rng(1).integers(0, 255, (240, 320, 3), dtype=np.uint8))
+    frame = SimpleNamespace(pixels=np.random.default_rng(1).integers(0, 255, (240, 320, 3), dtype=np.uint8), jpeg=None)
     missing = NotFound(Reason.NO_NEEDLE, "nothing looks like it")
     return SimpleNamespace(white=frame, red=frame, tip=missing, seen=None, board=None, landing=None,
                            expected_tip_px=(100.0, 100.0))  # fmt: skip
@@ -132,6 +132,17 @@ def test_no_id_reaches_beyond_its_own_folder(tmp_path: Path) -> None:
     made = folders[HOSTILE.index("a/b")]
     assert made is not None
     assert pictures.folder_for(_request(made.name), failed=False) != made, "an id that looks like another's folder"
+
+
+async def test_a_frame_is_kept_as_the_camera_coded_it(tmp_path: Path) -> None:
+    """Coded a second time it would not be what was judged."""
+    archive, look = ImageArchive(tmp_path, "all", 10.0), _look()
+    look.white.jpeg = b"as it came"
+    folder = archive.folder_for(_request(), failed=False)
+    assert folder is not None
+    job: Any = SimpleNamespace(pictured=lambda **_: (look, None))
+    await archive.keep(folder, job, _result("a"))
+    assert (folder / "before-white.jpg").read_bytes() == b"as it came"
 
 
 async def test_the_oldest_go_beyond_the_quota(tmp_path: Path) -> None:

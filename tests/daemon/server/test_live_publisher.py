@@ -34,13 +34,14 @@ class FakeCamera:
     def __init__(self) -> None:
         self.taken = 0
         self.trouble: CameraError | None = None
+        self.jpeg: bytes | None = None
 
     async def frame_after(self, t_s: float, deadline: Deadline) -> Frame:  # noqa: ARG002  # it is never late
         if self.trouble is not None:
             trouble, self.trouble = self.trouble, None
             raise trouble
         self.taken += 1
-        return Frame(np.full((48, 64, 3), self.taken % 200, np.uint8), t_s, 0.01, self.taken, t_s)
+        return Frame(np.full((48, 64, 3), self.taken % 200, np.uint8), t_s, 0.01, self.taken, t_s, self.jpeg)
 
 
 class Live:
@@ -87,6 +88,15 @@ async def test_who_looks_gets_pictures_with_what_they_show(live: Live) -> None:
     pixels = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
     assert pixels is not None
     assert pixels.shape == (48, 64, 3)
+    socket.close(linger=0)
+
+
+async def test_a_picture_goes_out_as_the_camera_coded_it(live: Live) -> None:
+    """It is not coded a second time: that would cost more than all the rest of showing it."""
+    live.camera.jpeg = b"as it came"
+    socket = live.look()
+    _, jpeg = await live.picture(socket)
+    assert jpeg == b"as it came"
     socket.close(linger=0)
 
 

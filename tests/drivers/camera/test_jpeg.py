@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from drivers.camera.jpeg import decode_jpeg, restarts_complete
+from drivers.camera.jpeg import decode_jpeg, restarts_complete, shown_anywhere
 
 SAMPLINGS = (
     cv2.IMWRITE_JPEG_SAMPLING_FACTOR_411,
@@ -115,3 +115,19 @@ def test_a_picture_without_colour_is_held_against_its_restart_marks_too(size: tu
     whole, marks = bytes(data), restarts(bytes(data))
     assert decode_jpeg(whole, *size) is not None
     assert not restarts_complete(whole[: marks[0]] + whole[marks[1] :])
+
+
+@pytest.mark.parametrize("progressive", [False, True])
+def test_a_picture_with_its_own_tables_is_shown_anywhere_without_padding(progressive: bool) -> None:
+    data = encoded(320, 240, 0, progressive=progressive)
+    assert shown_anywhere(data + bytes(700)) == data
+
+
+def test_motion_jpeg_without_its_tables_is_shown_by_no_browser() -> None:
+    """Its decoder is to know them: this project's does."""
+    data = encoded(320, 240, 0)
+    at = data.index(b"\xff\xc4")
+    while data[at : at + 2] == b"\xff\xc4":
+        data = data[:at] + data[at + 2 + int.from_bytes(data[at + 2 : at + 4], "big") :]
+    assert decode_jpeg(data, 320, 240) is not None
+    assert shown_anywhere(data) is None

@@ -29,6 +29,12 @@ async def test_the_stream_is_set_up_as_asked(server: StreamServer, stream: Strea
     assert (settings["fps"], settings["gain"]) == (15.0, 3.0)
 
 
+async def test_a_picture_brings_what_it_was_decoded_from(stream: StreamCamera, soon: Deadline) -> None:
+    frame = await stream.frame_after(time.monotonic(), soon)
+    assert frame.jpeg is not None
+    assert np.array_equal(decode_jpeg(frame.jpeg, WIDTH, HEIGHT), frame.pixels)
+
+
 async def test_raw_pictures_pass_the_stream(server: StreamServer, soon: Deadline) -> None:
     """It should take BGR rows, and no picture of a wrong length."""
     rows = np.random.default_rng(1).integers(0, 255, (HEIGHT, WIDTH, 3), np.uint8)
@@ -44,6 +50,7 @@ async def test_raw_pictures_pass_the_stream(server: StreamServer, soon: Deadline
     await camera.open(soon)
     frame = await camera.frame_after(time.monotonic(), soon)
     assert np.array_equal(frame.pixels, rows)
+    assert frame.jpeg is None
     await camera.close()
 
 

@@ -5,9 +5,11 @@ import time
 from pathlib import Path
 
 import cv2
+import numpy as np
 import pytest
 
 from drivers.camera import V4L2Camera
+from drivers.camera.jpeg import decode_jpeg
 from drivers.camera.v4l2 import V4L2Source
 from drivers.deadline import Deadline
 from drivers.errors import CameraError, CameraTimeout
@@ -117,12 +119,21 @@ async def test_identical_pictures_may_be_allowed(world: World, soon: Deadline) -
     await camera.close()
 
 
+async def test_a_picture_brings_what_it_was_decoded_from(v4l2: V4L2Camera, soon: Deadline) -> None:
+    frame = await v4l2.frame_after(time.monotonic(), soon)
+    assert frame.jpeg is not None
+    decoded = decode_jpeg(frame.jpeg, WIDTH, HEIGHT)
+    assert decoded is not None
+    assert np.array_equal(decoded, frame.pixels)
+
+
 async def test_a_decoded_capture_and_a_wrong_size(world: World, soon: Deadline) -> None:
     """It should take BGR pictures as they are and refuse a camera that gives another size."""
     world.raw_jpeg = False
     camera = V4L2Camera(config(encoding="bgr8"), world.factory)
     await camera.open(soon)
-    assert (await camera.frame_after(time.monotonic(), soon)).pixels.shape == (HEIGHT, WIDTH, 3)
+    frame = await camera.frame_after(time.monotonic(), soon)
+    assert (frame.pixels.shape, frame.jpeg) == ((HEIGHT, WIDTH, 3), None)
     await camera.close()
     world.clamp[cv2.CAP_PROP_FRAME_WIDTH] = 32
     with pytest.raises(CameraError, match="gives 32x48 instead of 64x48"):
