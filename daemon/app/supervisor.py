@@ -10,6 +10,7 @@ import asyncio
 import contextlib
 import time
 from collections.abc import Awaitable, Callable, Iterable
+from functools import partial
 from typing import Any
 
 import structlog
@@ -108,6 +109,7 @@ class StationSupervisor:
         geometry = Geometry(config, board, self._calibrations, self.needle.board)
         station = Station(config, hardware, self.needle)
         self.needle.adopt(geometry.up_z_um, geometry.surface_z_um)
+        self.needle.taught_free = partial(self._taught_free, config.gantry.safe_z_um)
         self._context = StationContext(config, station, board, self._calibrations, geometry)
 
     def _fit_calibrations(self) -> None:
@@ -220,12 +222,13 @@ class StationSupervisor:
         Who was killed over a pressed pin took along where it stood free; a Z that lost its steps there would be lifted
         by its count alone.
         """
-        context = self._context
-        if context is None or self.needle.free_pin is not None:
-            return
-        probe, pose_map = context.calibrations.probe, context.calibrations.pose_map
-        if probe is not None and pose_map is not None:
-            self.needle.free_pin = FreePin.taught(probe, pose_map, context.gantry.free_z_um)
+        if self._context is not None and self.needle.free_pin is None:
+            self.needle.free_pin = self._taught_free(self._context.gantry.free_z_um)
+
+    def _taught_free(self, z_um: float) -> FreePin | None:
+        """Return where a free tip is seen at a height, by tip and map as they were measured; None without one."""
+        probe, pose_map = self._calibrations.probe, self._calibrations.pose_map
+        return FreePin.taught(probe, pose_map, z_um) if probe is not None and pose_map is not None else None
 
     async def _open(self, deadline: Deadline) -> tuple[Hardware, bool]:
         """Open the devices; return them, and whether the drives' self-test found them fit."""

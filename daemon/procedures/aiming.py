@@ -15,14 +15,13 @@ from daemon.jobs.context import JobContext, StationContext
 from daemon.procedures.look_numbers import describe, landing_of, sight_of
 from daemon.procedures.registered import Registered, believe, board_search, look_by_cad
 from daemon.procedures.registration_faults import unusable_frame
-from daemon.station.station import LookResult, Search
+from daemon.station.station import UNUSABLE, LookResult, Search
 from drivers.gantry import Position
-from vision import NotFound, Reason, TestPoint, Tip
+from vision import NotFound, TestPoint, Tip
 from vision.geometry import Array, ConstellationMatch, Correction, PoseMap, match_near, match_target
 from vision.pads import probe_hides
 from vision.registration import Registration
 
-UNUSABLE = frozenset({Reason.TOO_DARK, Reason.SATURATED, Reason.BLURRED, Reason.OUT_OF_FRAME})
 STILL_UM = 45.0
 """From one look of a job to the next the target is where it was, within five sigma of the stops' scatter."""
 AGAIN = 2

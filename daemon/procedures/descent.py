@@ -14,7 +14,7 @@ from daemon.domain.states import Event
 from daemon.jobs.context import JobContext, StationContext
 from daemon.platform.clock import utc_now
 from daemon.procedures.aiming import require_tip
-from daemon.procedures.free_needle import LOOKS_FOR_TIP
+from daemon.procedures.free_needle import LOOKS_FOR_TIP, raise_into_sight
 from daemon.procedures.height import require_free
 from daemon.station.free_pin import FreePin
 from drivers.gantry import Position
@@ -61,10 +61,13 @@ async def hover_free(job: JobContext, context: StationContext, here: Position, g
         job.saw(look)
         if isinstance(look.tip, Tip):
             break
-    tip = require_tip(look)
 
     async def go(target: Position) -> Position:
         return await go_straight(job, context, target, ground)
+
+    if not isinstance(look.tip, Tip):
+        await raise_into_sight(job, context, ground.pose_map, above, go)
+    tip = require_tip(look)
 
     await require_free(job, context, ground.pose_map, go, feel=False)
     remember_free(context, tip, above, ground.pose_map)

@@ -23,9 +23,11 @@ from daemon.procedures.reference_pad import check_needle
 from daemon.procedures.run_order import order_of, places_of
 from daemon.procedures.tare import tare_of
 from daemon.station.device_errors import as_fault
+from daemon.station.kinematics import EXTRAPOLATED_UM
 from daemon.station.needle_health import NeedleHealth
 from daemon.storage.plan_store import PlanStore, plans_folder
 from daemon.wire.operations.jobs import Run, StopRules
+from drivers.gantry import Position
 
 PAUSED = "paused by a person"
 AGAINST_THE_BOARD = frozenset({PointVerdict.FAIL, PointVerdict.OPEN_CONFIRMED})
@@ -121,6 +123,7 @@ async def _begun(
 
     def way() -> tuple[tuple[RunPlace, ...], tuple[int, ...]]:
         places = places_of(context, plan, here)
+        _refuse_unmeasured(context, [at for _, at in places if at is not here])
         order = order_of(context, (at for _, at in places), here, short=request.order == "short")
         return tuple(place for place, _ in places), tuple(order)
 
@@ -132,6 +135,19 @@ async def _begun(
         board=board, order=order, places=places, station=context.config.station.name, software=version("reprobe"),
         calibrated=context.calibrations.in_force.made_at(), begun_at=utc_now(), jobs=(request.id,),
     )  # fmt: skip
+
+
+def _refuse_unmeasured(context: StationContext, over: list[Position]) -> None:
+    """Raise `Fault` where a surface was measured, and near none of these places: no point could be touched."""
+    geometry = context.geometry
+    if context.calibrations.surface is None or not over:
+        return
+    if all(geometry.measured_um(geometry.tip_um(at)) is None for at in over):
+        raise Fault(
+            FaultCode.SURFACE_UNKNOWN,
+            f"this board's surface was measured farther than {EXTRAPOLATED_UM / 1e3:g} mm from every point of the run",
+            advice="`calibrate surface` with more places, so that some lie near these points",
+        )
 
 
 # --- the walk --------------------------------------------------------------------------------------------------

@@ -61,6 +61,10 @@ class Needle:
         """What the reference pad said of it."""
         self.free_pin: FreePin | None = None
         """Set while the pin may be pushed in: from before it goes down until it was seen free, or was homed."""
+        self.blind = False
+        """Whether the last look for the tip did not show it, though its picture was good."""
+        self.taught_free: Callable[[], FreePin | None] = lambda: None
+        """Who tells where a free tip is seen at the safe height; None where there is no map."""
         self.sight: Sight | None = None
         """What the last look showed of target and needle; None once the head has moved."""
         self.departures = 0

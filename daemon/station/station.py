@@ -27,11 +27,13 @@ from drivers.errors import FrameLost
 from drivers.gantry import ClearHeight, Position
 from drivers.lights import Light
 from drivers.meter import Meter
-from vision import ControlPoint, NotFound, ProbeModel, Seen, Tip, find_control_point, find_test_points, find_tip
+from vision import ControlPoint, NotFound, ProbeModel, Reason, Seen, Tip, find_control_point, find_test_points, find_tip
 from vision.annotate import Landing
 from vision.geometry import PoseMap
 
 HOMED_WITHIN_S = 2.0
+UNUSABLE = frozenset({Reason.TOO_DARK, Reason.SATURATED, Reason.BLURRED, Reason.OUT_OF_FRAME})
+"""Reasons of a picture that is no good itself."""
 SAME_PLACE_UM, SAME_PLACE_DEG = 1.0, 0.02
 """A target this near to where the head stands is no move sideways."""
 LOOKS_FOR_FREE = 3
@@ -138,12 +140,14 @@ class Station:
         `from_above`: axes that come to the target from above, against the rule; only who measures backlash wants that.
         `slow_z_um`: Z below which it goes down slowly; None: where any possible surface may be. `clear`: who knows the
         lowest Z of the way across; None: it goes at the safe height. After a press nothing moves sideways before the
-        pin was seen free.
+        pin was seen free, nor after a look that did not show the tip.
         """
         self._hardware.gantry.check(target)
         if not self.needle.is_up:
             self.needle.refuse_sideways(await self.last_position(caller), target)
-        if self.needle.free_pin is not None and not _straight(await self.position(caller), target):
+        in_doubt = self.needle.free_pin is not None or self.needle.blind
+        if in_doubt and not _straight(await self.position(caller), target):
+            self.needle.free_pin = self.needle.free_pin or self.needle.taught_free()
             await self.see_lifted(caller)
         with caller.watch.spend("motion"):
             return await self._move(target, caller.deadline, from_above, slow_z_um, clear)
@@ -198,7 +202,7 @@ class Station:
             self.needle.free_pin = None
 
     async def see_lifted(self, caller: Clocked) -> None:
-        """Lift straight up after a press, and see that the pin is free; raise `Fault` if it is not, or is not seen.
+        """Lift straight up, and see that the pin is free; raise `Fault` if it is not, or is not seen.
 
         The drive's count is no proof: an axis that lost steps counts on. Nor is a look of a push that is small: where
         a touch sense is fitted, it is asked too.
@@ -224,8 +228,10 @@ class Station:
         if off_px is None:
             raise Fault(
                 FaultCode.TIP_NOT_FOUND,
-                "after a press the tip was not found, so that nobody knows whether the needle lifted",
-                advice="look at the needle, then `home`: it lifts Z to its switch before anything moves sideways",
+                "after a press, or where it had not been seen, the tip was not found above either: nobody knows "
+                "whether the needle lifted",
+                advice="look at the needle, then `home`: it lifts Z to its switch before anything moves sideways; if "
+                "the needle was changed or bent, `calibrate tip` after that",
             )
         raise Fault(
             FaultCode.AXIS_STALLED,
@@ -257,7 +263,7 @@ class Station:
                 await self._hardware.gantry.home(caller.deadline)
             finally:
                 self._resting_since_s = time.monotonic()
-        self.needle.free_pin = None  # Z went up to its switch before anything else moved
+        self.needle.free_pin, self.needle.blind = None, False  # Z went up to its switch before anything else moved
         await self.position(caller)
 
     async def require_homed(self, caller: Clocked) -> None:
@@ -311,6 +317,7 @@ class Station:
         except FrameLost:
             red = await self.capture(Light.RED, caller)
         look = LookResult(white, red, position, tip, model.tip_px if model is not None else None)
+        self._searched(tip)
         if not tip:
             return look
         async with beside(asyncio.to_thread(_search_red, red, tip, search)) as searching:
@@ -318,6 +325,13 @@ class Station:
                 await self.position(caller)
             found = await searching
         return replace(look, board=found) if isinstance(found, BoardSeen) else replace(look, seen=found)
+
+    def _searched(self, tip: Tip | NotFound | None) -> None:
+        """Remember whether a look has shown the tip; a picture that is no good says nothing of it."""
+        if isinstance(tip, Tip):
+            self.needle.blind = False
+        elif tip is not None and tip.reason not in UNUSABLE:
+            self.needle.blind = True
 
     async def _tip_in(
         self, exposed: Exposed, model: ProbeModel | None, caller: Clocked
@@ -332,6 +346,7 @@ class Station:
         """Take one white frame and find the tip in it, and the control point if it is asked for; nothing moves."""
         white = await self.capture(Light.WHITE, caller)
         tip, found = await asyncio.to_thread(_search_white, white, model, cross)
+        self._searched(tip)
         return LookResult(white, None, position, tip, model.tip_px, cross=found)
 
     async def capture(self, light: Light, caller: Clocked) -> Frame:

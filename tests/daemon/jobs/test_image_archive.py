@@ -320,5 +320,5 @@ def _landing(off_um: float) -> Landing:
 
 
 def _seen() -> LookResult:
-    frame: Any = SimpleNamespace(pixels=np.full((240, 320, 3), 120, dtype=np.uint8))
+    frame: Any = SimpleNamespace(pixels=np.full((240, 320, 3), 120, dtype=np.uint8), jpeg=None)
     return LookResult(frame, frame, Position(0.0, 0.0, 0.0, 0.0), None, None)

@@ -402,6 +402,17 @@ async def test_what_no_point_could_be_tested_without_is_refused_before_the_first
     assert await journal.runs.unfinished("b17") is None
 
 
+async def test_a_run_whose_points_all_lie_far_from_what_was_measured_is_refused_before_the_first_one(
+    world: World, journal: Journal, prober: Prober
+) -> None:
+    _store(world, _plan(world))
+    world.teach().with_map().with_alignment(world.true_pose, board_id="b17").with_surface()
+    fault = await _refused(world, journal, plan="six")
+    assert (fault.kind, world.gantry.moves) == (FaultCode.SURFACE_UNKNOWN, [])
+    assert "10 mm from every point" in fault.message
+    assert await journal.runs.unfinished("b17") is None
+
+
 async def test_a_test_that_waits_for_a_tester_is_no_part_of_a_run(
     world: World, journal: Journal, prober: Prober
 ) -> None:

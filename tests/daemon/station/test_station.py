@@ -142,6 +142,58 @@ async def test_only_homing_that_came_to_its_end_stands_for_a_pin_that_was_seen_f
     assert bench.station.needle.free_pin is None
 
 
+# --- a needle that the last look did not show ----------------------------------------------------------------------
+
+SIDEWAYS = replace(HERE, x_um=60_000.0)
+AT_TAUGHT, PUSHED = found_tip(800.0, 600.0), found_tip(800.0, 560.0)
+HIDDEN = missing(Reason.NO_NEEDLE)
+
+
+def _seeing(bench: Bench, monkeypatch: pytest.MonkeyPatch, *tips: Any) -> None:
+    """Have looks find these, one after the other, the last for good; there is a map."""
+    found = list(tips)
+    monkeypatch.setattr("daemon.station.station.find_tip", lambda *_: found.pop(0) if len(found) > 1 else found[0])
+    bench.station.needle.taught_free = lambda: FreePin(probe_model(), (800.0, 600.0), 2.0, 12_000.0)
+
+
+async def test_where_the_last_look_did_not_show_the_tip_it_is_seen_free_above_before_anything_goes_sideways(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its Z may stand lower than it counts, and the pin be pressed."""
+    _seeing(bench, monkeypatch, HIDDEN, AT_TAUGHT)
+    await bench.station.look_white(HERE, probe_model(), None, bench.caller)
+    await bench.station.go(SIDEWAYS, bench.caller)
+    assert [to for to, _ in bench.gantry.moves] == [replace(HERE, z_um=12_000.0), SIDEWAYS]
+    await bench.station.go(HERE, bench.caller)
+    assert len(bench.gantry.moves) == 3, "once it was seen it is not asked again"
+
+
+@pytest.mark.parametrize(("tip", "kind"), [(PUSHED, FaultCode.AXIS_STALLED), (HIDDEN, FaultCode.TIP_NOT_FOUND)])
+async def test_a_needle_that_is_seen_pressed_or_not_at_all_goes_nowhere_until_it_is_homed(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, tip: Any, kind: FaultCode
+) -> None:
+    _seeing(bench, monkeypatch, HIDDEN, tip)
+    await bench.station.look_white(HERE, probe_model(), None, bench.caller)
+    for _ in range(2):
+        with pytest.raises(Fault) as caught:
+            await bench.station.go(SIDEWAYS, bench.caller)
+        assert caught.value.kind is kind
+    assert {(to.x_um, to.y_um) for to, _ in bench.gantry.moves} == {(HERE.x_um, HERE.y_um)}
+    await bench.station.home(bench.caller)
+    await bench.station.go(SIDEWAYS, bench.caller)
+
+
+@pytest.mark.parametrize("tips", [(HIDDEN, AT_TAUGHT), (missing(Reason.TOO_DARK), missing(Reason.TOO_DARK))])
+async def test_a_tip_that_the_next_look_shows_or_a_picture_that_is_no_good_puts_no_needle_in_doubt(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, tips: Any
+) -> None:
+    _seeing(bench, monkeypatch, *tips)
+    for _ in range(2):
+        await bench.station.look_white(HERE, probe_model(), None, bench.caller)
+    await bench.station.go(SIDEWAYS, bench.caller)
+    assert [to for to, _ in bench.gantry.moves] == [SIDEWAYS]
+
+
 async def test_a_target_out_of_reach_is_refused(bench: Bench) -> None:
     outside = replace(HERE, x_um=-1.0)
     with pytest.raises(EnvelopeViolation):
