@@ -228,12 +228,13 @@ def _make_control(base: _Base, work: _Work, stack: AsyncExitStack) -> ControlSoc
 
 def _make_live(base: _Base, work: _Work, stack: AsyncExitStack) -> LivePublisher | None:
     """Make the socket of live pictures, if one is wanted."""
-    api = base.settings.config.api
+    api, camera = base.settings.config.api, base.settings.config.camera
     if not api.live:
         return None
     view = LiveView(
         camera=lambda: work.supervisor.hardware.camera if work.supervisor.hardware else None,
         state=lambda: base.latch.state.value,
+        size_px=lambda: (camera.width, camera.height),
         tip_px=lambda: probe.tip_px if (probe := work.calibrations.in_force.probe) is not None else None,
         sight=lambda: work.supervisor.needle.sight,
     )

@@ -22,7 +22,7 @@ from daemon.server.auth import Authenticator
 from daemon.server.served_address import SERVE_AGAIN_S, ServedAddress
 from daemon.station.sight import Sight
 from daemon.wire.live import TOPIC, LiveAim, LiveHeader
-from drivers.camera import Frame
+from drivers.camera import Shown
 from drivers.camera.contract import Camera, Pixels
 from drivers.deadline import Deadline
 from drivers.errors import CameraError
@@ -39,6 +39,8 @@ class LiveView:
 
     camera: Callable[[], Camera | None]
     state: Callable[[], str]
+    size_px: Callable[[], tuple[int, int]]
+    """Width and height of the camera's pictures."""
     tip_px: Callable[[], tuple[float, float] | None]
     sight: Callable[[], Sight | None] = lambda: None
 
@@ -105,25 +107,25 @@ class LivePublisher:
         try:
             if camera is None:
                 raise CameraError("no device is open", device="camera")
-            frame = await camera.frame_after(begun_s, Deadline.after(FRAME_WITHIN_S))
+            shown = await camera.shown_after(begun_s, Deadline.after(FRAME_WITHIN_S))
         except CameraError:  # the station says so itself; here there is just no picture
             await asyncio.sleep(AGAIN_S)
             return
-        jpeg = frame.jpeg or await asyncio.to_thread(_encoded, frame.pixels)
+        jpeg = shown.jpeg or await asyncio.to_thread(_encoded, shown.pixels)
         await self._part_from_who_lost_a_key()
         if (socket := self._address.socket) is None:
             return
-        await socket.send_multipart([TOPIC, self._header(frame).model_dump_json().encode(), jpeg], zmq.NOBLOCK)
+        await socket.send_multipart([TOPIC, self._header(shown).model_dump_json().encode(), jpeg], zmq.NOBLOCK)
         await asyncio.sleep(max(0.0, begun_s + self._every_s - time.monotonic()))
 
-    def _header(self, frame: Frame) -> LiveHeader:
+    def _header(self, shown: Shown) -> LiveHeader:
         self._count += 1
-        height_px, width_px = frame.pixels.shape[:2]
-        exposed_at = datetime.now(UTC).timestamp() - (time.monotonic() - frame.exposure_start_s)
+        width_px, height_px = self._view.size_px()
+        exposed_at = datetime.now(UTC).timestamp() - (time.monotonic() - shown.exposure_start_s)
         return LiveHeader(
             n=self._count, exposed_at=datetime.fromtimestamp(exposed_at, UTC).isoformat(timespec="milliseconds"),
             width_px=width_px, height_px=height_px, state=self._view.state(), tip_px=self._view.tip_px(),
-            aim=_aim(self._view.sight(), frame),
+            aim=_aim(self._view.sight(), shown),
         )  # fmt: skip
 
     async def _part_from_who_lost_a_key(self) -> None:
@@ -138,14 +140,16 @@ class LivePublisher:
         self._address.close(linger_ms=0)
 
 
-def _aim(sight: Sight | None, frame: Frame) -> LiveAim | None:
+def _aim(sight: Sight | None, shown: Shown) -> LiveAim | None:
     """Return what a look showed, for a picture that was taken where it looked."""
-    if sight is None or frame.exposure_start_s < sight.since_s:
+    if sight is None or shown.exposure_start_s < sight.since_s:
         return None
     rounded = {name: tuple(round(v, 2) for v in getattr(sight, name)) for name in ("at_px", "target_px")}
     return LiveAim(**rounded, tolerance_px=round(sight.tolerance_px, 2), off_um=round(sight.off_um, 1))
 
 
-def _encoded(pixels: Pixels) -> bytes:
+def _encoded(pixels: Pixels | None) -> bytes:
+    if pixels is None:
+        return b""
     ok, data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
     return bytes(data.tobytes()) if ok else b""

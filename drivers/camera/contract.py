@@ -27,6 +27,15 @@ class Frame:
     """The same picture as the camera coded it; None where it came otherwise, or cannot be shown anywhere."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Shown:
+    """One picture for people to look at: `jpeg` as the camera coded it, else `pixels` as those of a frame."""
+
+    exposure_start_s: float
+    jpeg: bytes | None
+    pixels: Pixels | None
+
+
 @dataclass(frozen=True, slots=True)
 class CameraConfig:
     """One camera. A control that is None is left as it is; one the camera lacks is reported as None."""
@@ -92,6 +101,9 @@ class Camera(Protocol):
 
     async def exposed_after(self, t_s: float, deadline: Deadline) -> Exposed:
         """Give the same frame as soon as it is exposed, before it is sent and decoded; raise as `frame_after`."""
+
+    async def shown_after(self, t_s: float, deadline: Deadline) -> Shown:
+        """Give the same picture to people who look: not decoded where they need not; raise as `frame_after`."""
 
     def settings(self) -> Mapping[str, float | None]:
         """Give what the camera reads back as its settings."""

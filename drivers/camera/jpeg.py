@@ -17,8 +17,7 @@ _RESTARTS = 8
 
 def decode_jpeg(data: bytes, width_px: int, height_px: int) -> Pixels | None:
     """Decode one JPEG picture; None when it is torn, cut short or not of this size."""
-    # A cut JPEG often decodes with a grey rest: the end-of-image mark must be there
-    if not data.rstrip(b"\0").endswith(_END) or not restarts_complete(data):
+    if not is_whole(data):
         return None
     try:
         pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
@@ -27,6 +26,11 @@ def decode_jpeg(data: bytes, width_px: int, height_px: int) -> Pixels | None:
     if pixels is None or pixels.shape != (height_px, width_px, 3):
         return None
     return np.asarray(pixels, np.uint8)
+
+
+def is_whole(data: bytes) -> bool:
+    """Tell by its marks whether a JPEG picture arrived whole; a cut one often decodes with a grey rest."""
+    return data.rstrip(b"\0").endswith(_END) and restarts_complete(data)
 
 
 def shown_anywhere(data: bytes) -> bytes | None:

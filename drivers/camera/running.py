@@ -11,12 +11,13 @@ import zlib
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import structlog
 
-from drivers.camera.contract import CameraConfig, CameraStatistics, Exposed, Frame, Pixels
-from drivers.camera.source import Grabbed, Settings, Source
+from drivers.camera.contract import CameraConfig, CameraStatistics, Exposed, Frame, Pixels, Shown
+from drivers.camera.jpeg import decode_jpeg, shown_anywhere
+from drivers.camera.source import Grabbed, Retrieved, Settings, Source
 from drivers.deadline import Deadline
 from drivers.errors import CameraError, CameraTimeout, FrameLost
 
@@ -30,11 +31,13 @@ class _Wish:
     """Somebody waits for a picture exposed at or after `after_s`.
 
     exposed: who wants to know as soon as it is exposed; from then on that picture serves it and no later one.
+    shown: who only shows it, and gets `Shown` instead of a frame.
     """
 
     after_s: float
-    future: "Future[Frame]"
+    future: "Future[Any]"
     exposed: "Future[float] | None" = None
+    shown: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,7 +107,17 @@ class RunningCamera:
         several tasks at a time; a cancelled call leaves nothing behind.
         """
         wish = _Wish(t_s, Future())
-        return await self._wait(wish, wish.future, deadline)
+        frame: Frame = await self._wait(wish, wish.future, deadline)
+        return frame
+
+    async def shown_after(self, t_s: float, deadline: Deadline) -> Shown:
+        """Give the first picture whose exposure began at or after `t_s`, for people to look at; raise as `frame_after`.
+
+        Where nobody else wants it, it is not decoded: that is most of what a picture costs.
+        """
+        wish = _Wish(t_s, Future(), shown=True)
+        shown: Shown = await self._wait(wish, wish.future, deadline)
+        return shown
 
     async def exposed_after(self, t_s: float, deadline: Deadline) -> Exposed:
         """Give the first picture whose exposure began at or after `t_s` as soon as it is exposed.
@@ -256,13 +269,20 @@ class RunningCamera:
         return wanted
 
     def _deliver(self, source: Source, grabbed: Grabbed) -> None:
-        """Fetch and decode a picture that is exposed, and give it to who waits for it."""
+        """Fetch a picture that is exposed, decode it unless it is only shown, and give it to who waits for it."""
         bound = self._bind(grabbed)
-        frame: Frame | None = None
+        picture: Frame | Shown | None = None
         try:
-            frame = self._whole(source, grabbed)
+            picture = (
+                self._whole(source, grabbed) if bound or self._is_judged(grabbed) else self._shown(source, grabbed)
+            )
         finally:
-            self._serve(bound, frame)
+            self._serve(bound, picture)
+
+    def _is_judged(self, grabbed: Grabbed) -> bool:
+        """Tell whether somebody wants more of a picture than to show it."""
+        with self._lock:
+            return any(not wish.shown and wish.after_s <= grabbed.exposure_start_s for wish in self._wishes)
 
     def _bind(self, grabbed: Grabbed) -> list[_Wish]:
         """Tell who waits for an exposure that it is over: this picture is theirs, whole or not."""
@@ -279,42 +299,56 @@ class RunningCamera:
     def _whole(self, source: Source, grabbed: Grabbed) -> Frame | None:
         """Return the picture; None where it is torn, or the one before once more."""
         got = source.retrieve()
-        if got is None:
-            self._count(undecodable=1)
-            self._trouble = "pictures arrive torn"
+        pixels = self._decoded(got)
+        if got is None or pixels is None:
+            self._is_torn()
             return None
-        if self._is_frozen(got.pixels):
+        if self._is_frozen(pixels):
             self._count(identical=1)
             self._trouble = "camera is frozen: the same picture again and again"
             return None
         self._trouble = None
-        got.pixels.setflags(write=False)
-        return Frame(
-            got.pixels,
-            grabbed.exposure_start_s,
-            grabbed.exposure_s,
-            grabbed.sequence,
-            received_s=got.received_s,
-            jpeg=got.jpeg,
-        )
+        pixels.setflags(write=False)
+        jpeg = shown_anywhere(got.jpeg) if got.jpeg is not None else None
+        return Frame(pixels, grabbed.exposure_start_s, grabbed.exposure_s, grabbed.sequence, got.received_s, jpeg)
 
-    def _serve(self, bound: list[_Wish], frame: Frame | None) -> None:
+    def _decoded(self, got: Retrieved | None) -> Pixels | None:
+        """Return the pixels of what came; None where there are none."""
+        if got is None or got.jpeg is None:
+            return None if got is None else got.pixels
+        return decode_jpeg(got.jpeg, self.config.width_px, self.config.height_px)
+
+    def _shown(self, source: Source, grabbed: Grabbed) -> Shown | None:
+        """Return the picture for people to look at; None where it is torn."""
+        got = source.retrieve()
+        jpeg = shown_anywhere(got.jpeg) if got is not None and got.jpeg is not None else None
+        pixels = self._decoded(got) if jpeg is None else None
+        if jpeg is None and pixels is None:
+            self._is_torn()
+            return None
+        return Shown(grabbed.exposure_start_s, jpeg, pixels)
+
+    def _is_torn(self) -> None:
+        self._count(undecodable=1)
+        self._trouble = "pictures arrive torn"
+
+    def _serve(self, bound: list[_Wish], picture: Frame | Shown | None) -> None:
         """Give a picture to those that are bound to it and to all that it is late enough for; None: it was lost."""
         with self._lock:
             served = [wish for wish in bound if wish in self._bound]  # a closed camera has refused the others
             self._bound = [wish for wish in self._bound if wish not in bound]
-            if frame is not None:
-                served += [w for w in self._wishes if w.exposed is None and w.after_s <= frame.exposure_start_s]
+            if picture is not None:
+                served += [wish for wish in self._wishes if _serves(picture, wish)]
                 self._wishes = [wish for wish in self._wishes if wish not in served]
         for wish in served:
             if not wish.future.set_running_or_notify_cancel():
                 continue
-            if frame is None:
+            if picture is None:
                 text = f"a picture that was exposed did not arrive whole: {self._trouble or 'the camera failed'}"
                 wish.future.set_exception(FrameLost(text, device=self.config.device))
             else:
                 self._count(delivered=1)
-                wish.future.set_result(frame)
+                wish.future.set_result(_as_shown(picture) if wish.shown else picture)
 
     def _is_frozen(self, pixels: Pixels) -> bool:
         if not self.config.refuse_identical:
@@ -340,3 +374,13 @@ class RunningCamera:
     def _count(self, **more: int) -> None:
         old = self._statistics
         self._statistics = replace(old, **{name: getattr(old, name) + by for name, by in more.items()})
+
+
+def _serves(picture: Frame | Shown, wish: _Wish) -> bool:
+    """Tell whether a picture is what somebody waits for; who waits for an exposure is bound to one before."""
+    enough = wish.shown or isinstance(picture, Frame)
+    return enough and wish.exposed is None and wish.after_s <= picture.exposure_start_s
+
+
+def _as_shown(picture: Frame | Shown) -> Shown:
+    return picture if isinstance(picture, Shown) else Shown(picture.exposure_start_s, picture.jpeg, picture.pixels)

@@ -20,12 +20,13 @@ class Grabbed:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Retrieved:
-    """The grabbed picture, decoded, and when its bytes were there (CLOCK_MONOTONIC, s)."""
+    """The grabbed picture as it came, and when its bytes were there (CLOCK_MONOTONIC, s)."""
 
-    pixels: Pixels
     received_s: float
     jpeg: bytes | None = None
-    """As it came; None where it came otherwise, or cannot be shown anywhere."""
+    """Coded, whole by its marks."""
+    pixels: Pixels | None = None
+    """Where it came uncoded: (H, W, 3) uint8 BGR."""
 
 
 class Source(Protocol):
@@ -38,7 +39,7 @@ class Source(Protocol):
         """Take the oldest picture of the queue, all of it exposed, waiting for one; None when none came in time."""
 
     def retrieve(self) -> Retrieved | None:
-        """Decode the grabbed picture, (H, W, 3) uint8 BGR; None when it is torn."""
+        """Fetch the grabbed picture; None when it is torn."""
 
     def close(self) -> None:
         """Let go of the camera; safe to call at any time."""

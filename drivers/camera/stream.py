@@ -11,8 +11,8 @@ from typing import Any, Final
 import numpy as np
 import zmq
 
-from drivers.camera.contract import CameraConfig, Pixels
-from drivers.camera.jpeg import decode_jpeg, shown_anywhere
+from drivers.camera.contract import CameraConfig
+from drivers.camera.jpeg import is_whole
 from drivers.camera.running import RunningCamera
 from drivers.camera.source import Grabbed, Retrieved, Settings
 from drivers.errors import CameraError, CameraTimeout
@@ -88,22 +88,15 @@ class StreamSource:
             raise CameraError(_SENSELESS, device=self._config.device, technical=f"grab reply: {exc!r}") from exc
 
     def retrieve(self) -> Retrieved | None:
-        """Fetch and decode the held picture."""
+        """Fetch the held picture."""
         got, payload = self._ask({"op": "retrieve"}, self._config.frame_timeout_s)
         received_s = time.monotonic()
-        encoding = str(got.get("encoding"))
-        pixels = self._decode(encoding, payload)
-        jpeg = shown_anywhere(payload) if encoding == "mjpg" and pixels is not None else None
-        return None if pixels is None else Retrieved(pixels, received_s, jpeg)
-
-    def _decode(self, encoding: str, payload: bytes) -> Pixels | None:
-        config = self._config
-        if encoding == "mjpg":
-            return decode_jpeg(payload, config.width_px, config.height_px)
-        shape = (config.height_px, config.width_px, 3)
+        if got.get("encoding") == "mjpg":
+            return Retrieved(received_s, jpeg=payload) if is_whole(payload) else None
+        shape = (self._config.height_px, self._config.width_px, 3)
         if len(payload) != np.prod(shape):
             return None
-        return np.frombuffer(payload, np.uint8).reshape(shape)
+        return Retrieved(received_s, pixels=np.frombuffer(payload, np.uint8).reshape(shape))
 
     def close(self) -> None:
         """Say goodbye if the other side still listens, and close the socket."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.camera.contract import CameraConfig
-from drivers.camera.jpeg import decode_jpeg, shown_anywhere
+from drivers.camera.jpeg import is_whole
 from drivers.camera.running import RunningCamera
 from drivers.camera.source import Grabbed, Retrieved, Settings
 from drivers.errors import CameraError
@@ -161,7 +161,7 @@ class V4L2Source:
         return Grabbed(self._sequence, stamp_s - readout_s - self._exposure_s, self._exposure_s)
 
     def retrieve(self) -> Retrieved | None:
-        """Decode the grabbed buffer."""
+        """Fetch the grabbed buffer."""
         received_s = time.monotonic()
         image = self._buffer()
         if image is None:
@@ -169,12 +169,11 @@ class V4L2Source:
         config = self._config
         if config.encoding == "mjpg" and (image.ndim != 3 or image.shape[2] != 3):
             data = image.tobytes()
-            pixels = decode_jpeg(data, config.width_px, config.height_px)
-            return None if pixels is None else Retrieved(pixels, received_s, shown_anywhere(data))
+            return Retrieved(received_s, jpeg=data) if is_whole(data) else None
         if image.shape != (config.height_px, config.width_px, 3):
             return None
         # A copy: the library may use its buffer again
-        return Retrieved(np.array(image, np.uint8), received_s)
+        return Retrieved(received_s, pixels=np.array(image, np.uint8))
 
     def _buffer(self) -> NDArray[Any] | None:
         """Return the grabbed buffer as it came; None where there is none."""

@@ -20,7 +20,7 @@ from daemon.server.auth import Authenticator
 from daemon.server.live_publisher import LivePublisher, LiveView
 from daemon.station.sight import Sight
 from daemon.wire.live import LiveAim, LiveHeader
-from drivers.camera import Frame
+from drivers.camera import Shown
 from drivers.deadline import Deadline
 from drivers.errors import CameraError
 from tests.daemon.server.revoking_guard import RevokingGuard
@@ -36,12 +36,12 @@ class FakeCamera:
         self.trouble: CameraError | None = None
         self.jpeg: bytes | None = None
 
-    async def frame_after(self, t_s: float, deadline: Deadline) -> Frame:  # noqa: ARG002  # it is never late
+    async def shown_after(self, t_s: float, deadline: Deadline) -> Shown:  # noqa: ARG002  # it is never late
         if self.trouble is not None:
             trouble, self.trouble = self.trouble, None
             raise trouble
         self.taken += 1
-        return Frame(np.full((48, 64, 3), self.taken % 200, np.uint8), t_s, 0.01, self.taken, t_s, self.jpeg)
+        return Shown(t_s, self.jpeg, np.full((48, 64, 3), self.taken % 200, np.uint8))
 
 
 class Live:
@@ -52,7 +52,9 @@ class Live:
         self.context = zmq.asyncio.Context()
         self.endpoint = f"ipc://{folder}/live"
         self.sight: Sight | None = None
-        view: Any = LiveView(lambda: self.camera, lambda: "idle", lambda: (32.5, 24.0), lambda: self.sight)
+        view: Any = LiveView(
+            lambda: self.camera, lambda: "idle", lambda: (64, 48), lambda: (32.5, 24.0), lambda: self.sight
+        )
         self.publisher = LivePublisher(self.context, self.endpoint, 1000.0, view, self.guard)
         self.running = asyncio.create_task(self.publisher.run())
 
@@ -170,7 +172,7 @@ def test_a_header_is_one_line_of_json() -> None:
 
 
 async def test_an_address_in_use_is_told_once_and_served_as_soon_as_it_is_free() -> None:
-    view: Any = LiveView(FakeCamera, lambda: "idle", lambda: None)
+    view: Any = LiveView(FakeCamera, lambda: "idle", lambda: (64, 48), lambda: None)
     context = zmq.asyncio.Context()
     with capture_logs() as said, socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))

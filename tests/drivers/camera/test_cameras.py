@@ -10,6 +10,8 @@ import pytest
 from structlog.testing import capture_logs
 
 from drivers.camera import StreamCamera, V4L2Camera, running
+from drivers.camera.contract import Pixels
+from drivers.camera.jpeg import decode_jpeg
 from drivers.camera.running import RunningCamera
 from drivers.deadline import Deadline
 from drivers.errors import CameraError, CameraTimeout
@@ -28,6 +30,42 @@ async def test_a_frame_is_exposed_after_the_wanted_instant(camera: RunningCamera
         assert not frame.pixels.flags.writeable
         assert frame.sequence > last
         last = frame.sequence
+
+
+async def test_a_picture_that_is_only_shown_is_not_decoded(
+    camera: RunningCamera, soon: Deadline, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It should give it as it was coded, and decode it as soon as somebody else wants the same one."""
+    decoded: list[bytes] = []
+
+    def decode(data: bytes, width_px: int, height_px: int) -> Pixels | None:
+        decoded.append(data)
+        return decode_jpeg(data, width_px, height_px)
+
+    monkeypatch.setattr(running, "decode_jpeg", decode)
+    t_s = time.monotonic()
+    alone = await camera.shown_after(t_s, soon)
+    assert alone.exposure_start_s >= t_s
+    assert (alone.pixels, decoded) == (None, [])
+    assert alone.jpeg is not None
+    assert decode_jpeg(alone.jpeg, WIDTH, HEIGHT) is not None
+    later_s = time.monotonic() + 0.02
+    beside, frame = await asyncio.gather(camera.shown_after(later_s, soon), camera.frame_after(later_s, soon))
+    assert beside.exposure_start_s == frame.exposure_start_s
+    assert (beside.jpeg, beside.jpeg in decoded) == (frame.jpeg, True)
+
+
+async def test_a_torn_picture_is_shown_to_nobody_and_one_without_tables_is_decoded(
+    world: World, v4l2: V4L2Camera, soon: Deadline, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    world.torn = True
+    with pytest.raises(CameraTimeout, match="torn"):
+        await v4l2.shown_after(time.monotonic(), Deadline.after(0.2))
+    world.torn = False
+    monkeypatch.setattr(running, "shown_anywhere", lambda _data: None)
+    shown = await v4l2.shown_after(time.monotonic(), soon)
+    assert shown.jpeg is None
+    assert shown.pixels is not None
 
 
 async def test_several_callers_are_served_at_once(camera: RunningCamera, soon: Deadline) -> None:
