@@ -119,6 +119,11 @@ class PageProcess:
 def login(tab: Any, name: str, secret: str = SECRET) -> None:
     """Log somebody in and wait until the station is shown."""
     tab.locator("#log").click()
+    give_name(tab, name, secret)
+
+
+def give_name(tab: Any, name: str, secret: str = SECRET) -> None:
+    """Answer the question who is there, and wait until the station is shown."""
     tab.fill("input[name=name]", name)
     tab.fill("input[name=secret]", secret)
     tab.locator("dialog form .orders button").first.click()
