@@ -26,6 +26,7 @@ import asyncpg
 
 from tests.fleet.engines import Mosquitto, PostgreSQL, end, engines, missing
 from tests.fleet.journal_server import fill
+from tests.packages import not_installed
 
 KILL_EVERY_S = 1.5
 KILL_FOR_S, WITHIN_S = 30.0, 300.0
@@ -200,10 +201,7 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3])
     told = parser.parse_args()
     if lacking := missing():
-        print(
-            f"not installed: {', '.join(lacking)}\n  -> apt-get update && apt-get install -y {' '.join(lacking)}",
-            file=sys.stderr,
-        )
+        print(not_installed(*lacking), file=sys.stderr)
         return 2
     good = True
     for number, seed in enumerate(told.seeds):

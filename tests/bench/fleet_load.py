@@ -31,6 +31,7 @@ from daemon.platform.logs import set_up
 from daemon.wire.example_parts import RECORD, RESULT
 from tests.bench.fleet import NO_TLS, Process
 from tests.fleet.engines import Mosquitto, PostgreSQL, engines, missing
+from tests.packages import not_installed
 
 COMMITTED_MS = 500.0
 """From publishing to commit, 99 of 100."""
@@ -258,10 +259,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     told = parser.parse_args(arguments)
     told.slack = 2 * told.rate  # what was written in two seconds is on its way
     if lacking := missing():
-        print(
-            f"not installed: {', '.join(lacking)}\n  -> apt-get update && apt-get install -y {' '.join(lacking)}",
-            file=sys.stderr,
-        )
+        print(not_installed(*lacking), file=sys.stderr)
         return 2
     set_up(as_json=True)
     with tempfile.TemporaryDirectory(prefix="reprobe-fleet-") as scratch:

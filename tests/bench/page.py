@@ -16,6 +16,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+from tests.packages import not_installed
 from tests.page.conftest import ARGUMENTS, BROWSER, PageProcess, free_port, give_name, state_is, write_people
 from tests.page.played import PlayedStation
 
@@ -81,7 +82,7 @@ def _measure(station: PlayedStation, page: PageProcess) -> None:
 def main() -> int:
     """Measure all and print it."""
     if not BROWSER:
-        print("no Chromium here: apt-get install chromium", file=sys.stderr)
+        print(not_installed("chromium"), file=sys.stderr)
         return 2
     from playwright.sync_api import sync_playwright  # dear, and not everywhere
 

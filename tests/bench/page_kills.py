@@ -29,6 +29,7 @@ from typing import Any
 from daemon.client import Client
 from daemon.domain.board import BoardPoint
 from daemon.tools.demo.true_place import off_um
+from tests.packages import not_installed
 from tests.page.conftest import ARGUMENTS, BROWSER, PageProcess, free_port, write_people
 from tests.station.rig import Rig, running_rig
 
@@ -234,7 +235,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=1)
     asked = parser.parse_args(argv)
     if not BROWSER:
-        print("no Chromium here: apt-get install chromium", file=sys.stderr)
+        print(not_installed("chromium"), file=sys.stderr)
         return 2
     with tempfile.TemporaryDirectory(prefix="reprobe-") as name:
         folder = Path(name)

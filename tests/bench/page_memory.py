@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from tests.packages import not_installed
 from tests.page.conftest import ARGUMENTS, BROWSER, PageProcess, free_port, state_is, write_people
 from tests.page.played import PlayedStation
 from tests.page.shift import JOB_S, heap_bytes, rss_bytes, shown_to_the_end, tell_job
@@ -60,7 +61,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--minutes", type=float, default=10.0)
     asked = parser.parse_args(argv)
     if not BROWSER:
-        print("no Chromium here: apt-get install chromium", file=sys.stderr)
+        print(not_installed("chromium"), file=sys.stderr)
         return 2
     from playwright.sync_api import sync_playwright  # dear, and not everywhere
 

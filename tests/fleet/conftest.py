@@ -12,6 +12,7 @@ import pytest
 
 from daemon.fleet.database import Connection, Database
 from tests.fleet.engines import PostgreSQL, missing
+from tests.packages import not_installed
 
 WANTED = bool(os.environ.get("REPROBE_TEST_FLEET"))
 _NUMBERS = count(1)
@@ -26,7 +27,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(scope="session")
 def cluster() -> Iterator[PostgreSQL]:
-    assert not missing(), f"apt install {' '.join(missing())}"
+    assert not missing(), not_installed(*missing())
     found = PostgreSQL()
     found.start()
     yield found

@@ -14,12 +14,13 @@ from pathlib import Path
 import pytest
 
 from tests.fleet.engines import end, free_port, wait_for_port
+from tests.packages import not_installed
 
 SHIPPED = Path(__file__).parents[2] / "systemd"
 ROUTES, RULES = SHIPPED / "alertmanager.yml", SHIPPED / "prometheus-rules.yml"
 MANAGER = shutil.which("prometheus-alertmanager") or shutil.which("alertmanager")
 pytestmark = pytest.mark.skipif(
-    MANAGER is None or shutil.which("amtool") is None, reason="apt install prometheus-alertmanager"
+    MANAGER is None or shutil.which("amtool") is None, reason=not_installed("prometheus-alertmanager")
 )
 TOLD = {
     "StationGone": "on-call",

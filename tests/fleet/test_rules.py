@@ -13,6 +13,7 @@ from prometheus_client import CollectorRegistry, generate_latest
 from daemon.fleet.counts import Counts
 from daemon.telemetry.metrics import Metrics
 from daemon.telemetry.vitals import Vitals
+from tests.packages import not_installed
 
 VITALS = Vitals("not_homed", 0, 9, 4096, {"map": 60.0}, {}, {})
 HERE = Path(__file__).parent
@@ -21,7 +22,7 @@ RULES = HERE.parents[1] / "systemd" / "prometheus-rules.yml"
 
 def test_each_alert_fires_on_what_it_is_for_and_is_silent_on_a_healthy_fleet() -> None:
     tool = shutil.which("promtool")
-    assert tool is not None, "apt install prometheus"
+    assert tool is not None, not_installed("prometheus")
     done = subprocess.run(
         [tool, "test", "rules", str(HERE / "prometheus-rules.test.yml")], capture_output=True, text=True, check=False
     )

@@ -9,9 +9,12 @@ import signal
 import subprocess
 import sys
 import time
+import tomllib
 from pathlib import Path
 
 import pytest
+
+from tests.packages import not_installed
 
 ROOT = Path(__file__).parents[2]
 MAKE_ENVIRONMENT, INSTALL = ROOT / "requirements" / "environment.sh", ROOT / "requirements" / "install.sh"
@@ -77,6 +80,29 @@ def test_what_brings_another_python_is_pasted_as_it_stands(
     python = tmp_path / name if text is None else _script(tmp_path / name, text)
     typed = _typed(_made(tmp_path, python).stderr)
     assert re.sub("sudo ", "", typed) == f"apt-get update && apt-get install -y {packages}"
+
+
+def test_a_wheel_is_for_the_same_pythons_as_the_makefile() -> None:
+    (low, high), *_ = re.findall(
+        r"\(3, (\d+)\) <= sys.version_info\[:2\] <= \(3, (\d+)\)", MAKE_ENVIRONMENT.read_text()
+    )
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert project["requires-python"] == f">=3.{low},<3.{int(high) + 1}"
+    assert f"(3, {low}) <= sys.version_info[:2] <= (3, {high})" in (ROOT / "Makefile").read_text()
+    told = {one.rpartition(" ")[2] for one in project["classifiers"] if "Python :: 3." in one}
+    assert told == {f"3.{minor}" for minor in range(int(low), int(high) + 1)}
+
+
+def test_what_only_tests_need_is_said_as_a_line_that_is_pasted_as_it_stands() -> None:
+    typed = _typed(not_installed("chromium"))
+    assert re.sub("sudo ", "", typed) == "apt-get update && apt-get install -y chromium"
+    other = re.compile(r"\bapt(?:-get)? install\b")
+    said_otherwise = [
+        file for file in (ROOT / "tests").rglob("*.py")
+        if file.name not in ("packages.py", Path(__file__).name)
+        and any(other.search(line) and "apt-get install -y" not in line for line in file.read_text().splitlines())
+    ]  # fmt: skip
+    assert said_otherwise == []
 
 
 def test_the_systems_own_python_lacks_the_package_that_the_readme_names(tmp_path: Path) -> None:

@@ -21,6 +21,7 @@ import pytest
 from daemon.client import Client
 from daemon.page.people import USERS_FILE, Users
 from daemon.tools.demo.processes import Process
+from tests.packages import not_installed
 from tests.page.played import PlayedStation
 from tests.station.rig import STARTED_WITHIN_S, Rig, running_rig
 
@@ -144,7 +145,7 @@ def free_port() -> int:
 
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Any]:
-    assert BROWSER, "no Chromium here: apt-get install chromium"
+    assert BROWSER, not_installed("chromium")
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:

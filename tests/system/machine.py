@@ -13,6 +13,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+from tests.packages import not_installed
 from tests.system.systemd import Systemd
 
 HERE = Path(__file__).parent
@@ -53,12 +54,12 @@ def why_not() -> str | None:
     if not any(line.split()[2] == "cgroup2" for line in Path("/proc/mounts").read_text().splitlines()):
         return "needs a mounted cgroup2"
     if shutil.which(NSENTER) is None or shutil.which("unshare") is None:
-        return "needs unshare and nsenter (util-linux)"
+        return not_installed("util-linux")
     if subprocess.run([TREE[0], "-n", *TREE[1:]], check=False, stdout=subprocess.DEVNULL).returncode == 0:
         return None
     if os.environ.get("REPROBE_TEST_SYSTEMD") != "build":
         return "the machine's tree has not been built; `make test-systemd` does it"
-    return "needs mmdebstrap (apt-get install mmdebstrap)" if shutil.which("mmdebstrap") is None else None
+    return not_installed("mmdebstrap") if shutil.which("mmdebstrap") is None else None
 
 
 def build_wheel(work: Path) -> Path:

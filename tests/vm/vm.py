@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from tests.packages import not_installed
 from tests.system.machine import CACHE, REQUIREMENTS
 from tests.system.systemd import Systemd
 from tests.vm.agent import Agent
@@ -69,12 +70,12 @@ class Vm(Systemd):
 def why_not() -> str | None:
     """Return what keeps this computer from emulating such a machine; None when nothing does."""
     if shutil.which(QEMU) is None:
-        return f"needs {QEMU} (apt-get install qemu-system-x86)"
+        return not_installed("qemu-system-x86")
     if subprocess.run([IMAGE[0], "-n", *IMAGE[1:]], check=False, stdout=subprocess.DEVNULL).returncode == 0:
         return None
     if os.geteuid() != 0:
         return "needs root to build the machine's disk, once"
-    return "needs mmdebstrap (apt-get install mmdebstrap)" if shutil.which("mmdebstrap") is None else None
+    return not_installed("mmdebstrap") if shutil.which("mmdebstrap") is None else None
 
 
 @contextmanager

@@ -23,6 +23,7 @@ from tests.fleet.demo.drawn import draw
 from tests.fleet.demo.plant import Plant
 from tests.fleet.demo.planted import BAD_BOARD, BOARD, DRIFTS, SILENT, stations
 from tests.fleet.engines import missing
+from tests.packages import not_installed
 
 LEAST_BOARDS = 12
 """Fewer leave what was planted to chance."""
@@ -51,10 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if told.boards < LEAST_BOARDS or told.seconds < 0:
         parser.error(f"--boards: {LEAST_BOARDS} at least; --seconds: 0 at least")
     if lacking := missing(("mosquitto", "postgresql", "prometheus")):
-        print(
-            f"not installed: {', '.join(lacking)}\n  -> apt-get update && apt-get install -y {' '.join(lacking)}",
-            file=sys.stderr,
-        )
+        print(not_installed(*lacking), file=sys.stderr)
         return 2
     before = signal.signal(signal.SIGTERM, _leave)
     try:
