@@ -90,7 +90,7 @@ nets: $(STAMP)
 
 # An environment that broke after it was installed is noticed too: its stamp counts no longer.
 ifneq ($(wildcard $(STAMP)),)
-ifneq ($(shell $(PY) -c 'import sys, numpy; print(sys.version_info >= (3, 11))' 2>/dev/null),True)
+ifneq ($(shell $(PY) -c 'import sys, numpy; print((3, 11) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null),True)
 $(shell rm -f $(STAMP) $(BENCH_STAMP) $(BROWSER_STAMP))
 endif
 endif
