@@ -113,7 +113,7 @@ def _place(board: Board, at: str) -> tuple[tuple[float, float], BoardPoint | Non
 def _load_map(path: Path) -> PoseMap:
     """Read a map as the station keeps it, or the map alone."""
     try:
-        raw = json.loads(path.read_text())
+        raw = json.loads(path.read_text(encoding="utf-8"))
         return PoseMap.from_json(json.dumps(raw.get("pose_map", raw)))
     except OSError as exc:
         fail(

@@ -11,7 +11,7 @@ from typing import Any
 from daemon.cli.output import USAGE, fail
 from daemon.client import Client, Refused
 from daemon.config.plan_rows import PlanForm
-from daemon.platform.plain_file import read_small
+from daemon.platform.plain_file import as_text, read_small
 
 FORMS: dict[str, PlanForm] = {".toml": "toml", ".csv": "csv", ".tsv": "csv", ".txt": "csv"}
 
@@ -45,9 +45,9 @@ def plan_text(file: Path) -> tuple[str, PlanForm, str]:
     if form is None:
         fail(f"{file} is no plan: its name ends neither in .toml nor in .csv", code=USAGE)
     try:
-        text = read_small(file).decode("utf-8-sig")
-    except UnicodeDecodeError as exc:
-        fail(f"{file} is not UTF-8 text: {exc.reason} at byte {exc.start}", advice="save it as UTF-8", code=USAGE)
+        text = as_text(read_small(file))
+    except ValueError as exc:
+        fail(f"{file} is no text: {exc}", advice="save it as UTF-8, then send it again", code=USAGE)
     except OSError as exc:
         fail(f"{file} cannot be read: {exc.strerror}", advice="see that the path is right", code=USAGE)
     name = re.sub(r"[^A-Za-z0-9_.+-]", "-", file.stem).lstrip("_.+-")[:64] or "plan"

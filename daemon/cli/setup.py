@@ -14,7 +14,7 @@ from daemon.cli import setup_file_steps as file_steps
 from daemon.cli import setup_station_steps as station_steps
 from daemon.cli.interruption import taken_as_ctrl_c
 from daemon.cli.output import fail
-from daemon.cli.setup_dialogue import Back, Dialogue, Quit, StepFailed
+from daemon.cli.setup_dialogue import Back, Choice, Dialogue, Quit, StepFailed
 from daemon.cli.setup_file_steps import Setup
 from daemon.cli.setup_station_steps import Daemon
 from daemon.platform.logs import set_up
@@ -95,6 +95,8 @@ def setup(
     if anew:
         notes.forget()
     guided = Setup(config, Dialogue(notes))
+    if notes.lost is not None:
+        guided.dialogue.say(f"{notes.path} cannot be read ({notes.lost}): what was answered before is not offered.")
     daemon = Daemon(guided)
     try:
         with taken_as_ctrl_c():
@@ -104,7 +106,10 @@ def setup(
         raise typer.Exit(1) from None
     finally:
         daemon.end()
-    _farewell(guided, skipped)
+    if only is None:
+        _farewell(guided, skipped)
+    else:
+        _farewell_of_one(steps[0], guided, skipped)
 
 
 def _walk(steps: Sequence[Step], done_before: Sequence[str], guided: Setup, daemon: Daemon) -> list[str]:
@@ -132,10 +137,13 @@ def do_step(step: Step, title: str, guided: Setup, daemon: Daemon, *, first: boo
     Raises `Back` to the one before, if it is not the first. What the station did is not gone back behind.
     """
     back = step.of_file is not None and not first
-    choice = guided.dialogue.before(title, step.moves)
+    choice = _with_a_file_that_is_read(title, guided, back=back)
+    if choice == "go":
+        choice = guided.dialogue.before(title, step.moves)
     failed = False
     while choice == "go":
         try:
+            guided.text()
             if failed and step.of_station is not None:
                 station_steps.recover(guided, daemon, HOMING)
             if step.of_file is not None:
@@ -151,6 +159,33 @@ def do_step(step: Step, title: str, guided: Setup, daemon: Daemon, *, first: boo
         raise Quit
     guided.dialogue.say("Skipped.")
     return False
+
+
+def _with_a_file_that_is_read(title: str, guided: Setup, *, back: bool) -> Choice:
+    """Have a damaged file mended before a step's first question, so that nothing is answered in vain."""
+    while True:
+        try:
+            guided.text()
+        except StepFailed as failure:
+            guided.dialogue.say(f"\n== {title}")
+            if (choice := guided.dialogue.after_failure(failure, back=back)) != "go":
+                return choice
+        else:
+            return "go"
+
+
+def _farewell_of_one(step: Step, guided: Setup, skipped: list[str]) -> None:
+    """Say what was done where one step alone was asked for: that makes no station."""
+    say = guided.dialogue.say
+    if skipped:
+        say(f"\n{step.title}: skipped, so nothing of it has changed.")
+    elif step.of_file is not None:
+        say(f"\n{step.title}: done, as {guided.file} says. A daemon that runs has to be restarted for what is new.")
+    else:
+        say(f"\n{step.title}: done.")
+    done = guided.dialogue.notes.done
+    if left := [one.name for one in STEPS if one.name not in done]:
+        say(f"Not done yet: {', '.join(left)}. `reprobe setup -c {guided.file}` goes through them.")
 
 
 def _farewell(guided: Setup, skipped: list[str]) -> None:

@@ -32,6 +32,8 @@ class Back(Exception):
 
 
 BACK = "<"
+LONGEST_ANSWER = 500
+"""Letters; no name, path or address is longer, and a line of the file may have a thousand."""
 
 
 class Dialogue:
@@ -79,23 +81,37 @@ class Dialogue:
         """Print a text as it is."""
         out.print(text, markup=False, highlight=False, soft_wrap=True)
 
-    def ask(self, key: str, question: str, default: str, check: Callable[[str], T]) -> T:
-        """Ask until `check` takes the answer (else it raises ValueError); offer what was answered the last time."""
+    def ask(
+        self,
+        key: str,
+        question: str,
+        default: str,
+        check: Callable[[str], T],
+        noted: Callable[[T], str] | None = None,
+    ) -> T:
+        """Ask until `check` takes the answer (else it raises ValueError); offer what was answered the last time.
+
+        What is noted of it is what was typed, or what `noted` makes of the value.
+        """
         offered = self.notes.answer(key) or default
         while True:
             said = self._answer(f"{question} [{offered}] > ") or offered
             try:
-                value = check(said)
+                value = check(_taken(said))
             except ValueError as exc:
                 self._again.clear()
                 self.say(f"  {exc}")
                 continue
+            said = said if noted is None else noted(value)
             self.notes.note_answer(key, said)
             self._keep(said)
             return value
 
-    def choose(self, key: str, question: str, offered: Sequence[str]) -> str:
-        """Let one of a list be chosen by its number, or another be typed."""
+    def choose(self, key: str, question: str, offered: Sequence[str], now: str = "") -> str:
+        """Let one of a list be chosen by its number, or another be typed; offer `now`, or else the first.
+
+        The device is noted by its name: the next time another may stand in its place in the list.
+        """
         for number, one in enumerate(offered, 1):
             self.say(f"  {number}: {one}")
 
@@ -106,7 +122,7 @@ class Dialogue:
                 raise ValueError("name one, or plug it in and begin again")
             return said.strip()
 
-        return self.ask(key, question, offered[0] if offered else "", chosen)
+        return self.ask(key, question, now or (offered[0] if offered else ""), chosen, noted=str)
 
     def ready(self, what: str) -> None:
         """Say what moves next, and wait for Enter."""
@@ -182,6 +198,15 @@ class Dialogue:
         if not line:
             raise Quit
         return line.strip()
+
+
+def _taken(said: str) -> str:
+    """Return an answer that may be one; ValueError for what was pasted by mistake, or is no text."""
+    if len(said) > LONGEST_ANSWER:
+        raise ValueError(f"that has {len(said)} letters, and an answer at most {LONGEST_ANSWER}: type it anew")
+    if any(0xD800 <= ord(letter) < 0xE000 or letter == "\0" for letter in said):
+        raise ValueError("that has bytes which are no text (UTF-8): type it anew")
+    return said
 
 
 def number(low: float, high: float, unit: str) -> Callable[[str], float]:

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import asyncio
 import math
-import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
 from daemon.cli.setup_dialogue import Dialogue, StepFailed, number, text, whole
-from daemon.config.model import ConfigError, load_config, unlikely
+from daemon.config.model import Config, ConfigError, load_config, unlikely
 from daemon.config.problems import told
+from daemon.config.reading import toml_text
 from daemon.config.sections.devices import BusSection
 from daemon.domain.board import Board
-from daemon.platform.atomic_file import replace_whole
-from daemon.platform.plain_file import read_small
+from daemon.platform.atomic_file import rewrite
 from daemon.tools.board_import import Options, import_board
 from daemon.tools.setup import (
     Answering,
@@ -33,6 +32,8 @@ from drivers.meter import parse_address
 
 T = TypeVar("T")
 AXES = ("x", "y", "z", "theta")
+NEW_FILE = 0o644
+"""Mode of a new file: it has no secret, and the daemon is another user."""
 HOMING = "17: negative limit, 18: positive limit, 19: home switch, positive side, 21: home switch, negative side"
 
 
@@ -48,13 +49,12 @@ class Setup:
         if not self.file.exists():
             return example()
         try:
-            content = read_small(self.file).decode("utf-8-sig")
-            tomllib.loads(content)
-        except (OSError, ValueError, RecursionError) as exc:
+            return toml_text(self.file)
+        except ConfigError as exc:
+            why = "; ".join(what for _, what in exc.problems)
             raise StepFailed(
-                f"{self.file} cannot be read: {exc}", "mend it, or move it away to begin a new one; then try again"
+                f"{self.file} cannot be read: {why}", "mend it, or move it away to begin a new one; then try again"
             ) from exc
-        return content
 
     def number_at(self, path: str, otherwise: float) -> float:
         """Return a number of the file as it is so far; `otherwise` where there is none."""
@@ -71,17 +71,18 @@ class Setup:
             content = with_values(self.text(), values)
         except ValueError as exc:
             raise StepFailed(str(exc), f"edit {self.file}, then try again") from exc
-
-        def put(path: Path) -> None:
-            path.write_text(content, encoding="utf-8")
-            path.chmod(0o644)
-
-        replace_whole(self.file, put)
+        rewrite(self.file, content.encode(), NEW_FILE)
 
     def ask_number(self, path: str, question: str, unit: str, low: float, high: float, scale: float = 1.0) -> float:
         """Ask for a value of the file in a unit that people use; return it in the file's, which is `scale` times it."""
         now = f"{self.number_at(path, 0.0) / scale:g}"
         return self.ask(path, f"{question}, {unit}", now, number(low, high, unit)) * scale
+
+    def choose(self, path: str, question: str, offered: list[str], now: str) -> str:
+        """Let a device be chosen; what the file says, `now`, is offered first while it can be found."""
+        place = self.file.parent / now
+        there = now if _is_endpoint(now) else str(place) if now and _exists(place) else ""
+        return self.dialogue.choose(f"{path} where it was {now}", question, offered, there)
 
     def ask(self, path: str, question: str, now: str, check: Callable[[str], T]) -> T:
         """Ask for a value of the file, which is `now` as people write it.
@@ -109,8 +110,8 @@ def name_it(setup: Setup) -> None:
 def find_drives(setup: Setup) -> None:
     """Find port, speed, parity and addresses of drives and relay board by asking; nothing is set."""
     dialogue = setup.dialogue
-    port = dialogue.choose("bus.main.port", "Port of the drives (a number, or a path)", serial_ports())
-    gateway = port.count(":") == 1 and not port.startswith("/")
+    port = setup.choose("bus.main.port", "Port of the drives (a number, or a path)", serial_ports(), _line_now(setup))
+    gateway = _is_gateway(port)
     port = port if gateway else _device(port)
     host, _, tcp_port = port.partition(":")
     section = _gateway(host, tcp_port) if gateway else BusSection(port=port)
@@ -137,15 +138,41 @@ def find_drives(setup: Setup) -> None:
         values = {"bus.main.host": host, "bus.main.tcp_port": int(tcp_port), "bus.main.port": None}
     else:
         values |= {"bus.main.port": port, "bus.main.host": None}
-    for axis, address in zip(AXES, found.drives, strict=False):
-        values[f"axes.{axis}.address"] = dialogue.ask(
-            f"axes.{axis}.address", f"Address of the drive of {axis}", str(address), _one_of(found.drives)
-        )
-    relay = str(found.others[0]) if found.others else "5"
-    values["lights.address"] = dialogue.ask(
-        "lights.address", "Address of the lamps' relay board", relay, whole(1, 255, "an address")
+    setup.write(values | _addresses(setup, found))
+
+
+def _addresses(setup: Setup, found: Answering) -> dict[str, Value]:
+    """Ask who is who of those that answer; offer the file's order while it is of them."""
+    values: dict[str, Value] = {}
+    for axis, address in zip(AXES, _in_order(setup, found.drives), strict=False):
+        path = f"axes.{axis}.address"
+        values[path] = setup.ask(path, f"Address of the drive of {axis}", str(address), _one_of(found.drives))
+    relay = int(setup.number_at("lights.address", 5.0))
+    relay = found.others[0] if found.others and relay not in found.others else relay
+    values["lights.address"] = setup.ask(
+        "lights.address", "Address of the lamps' relay board", str(relay), whole(1, 255, "an address")
     )
-    setup.write(values)
+    return values
+
+
+def _line_now(setup: Setup) -> str:
+    """Return the line that the file names, as it is answered: a port, or a gateway's host and port."""
+    host = setup.said_of("bus.main.host", "")
+    return f"{host}:{setup.said_of('bus.main.tcp_port', '502')}" if host else setup.said_of("bus.main.port", "")
+
+
+def _in_order(setup: Setup, drives: tuple[int, ...]) -> tuple[int, ...]:
+    """Return the drives that answer in the order of the axes: the file's, if it is of these drives."""
+    said = tuple(int(setup.number_at(f"axes.{axis}.address", 0.0)) for axis in AXES)
+    return said if len(set(said)) == len(AXES) and set(said) <= set(drives) else drives
+
+
+def _is_gateway(said: str) -> bool:
+    return said.count(":") == 1 and not said.startswith("/")
+
+
+def _is_endpoint(said: str) -> bool:
+    return said.startswith(("ipc://", "tcp://")) or _is_gateway(said)
 
 
 def _gateway(host: str, tcp_port: str) -> BusSection:
@@ -158,9 +185,17 @@ def _gateway(host: str, tcp_port: str) -> BusSection:
 
 def _device(given: str) -> str:
     """Return a device's path as it is from anywhere; raise `StepFailed` if there is none."""
-    if not given or not Path(given).exists():
+    if not given or not _exists(Path(given)):
         raise StepFailed(f"there is no device {given!r}", "plug it in, or see `ls /dev/serial/by-id /dev/video*`")
     return str(Path(given).absolute())
+
+
+def _exists(path: Path) -> bool:
+    """Tell whether a file is there; a name that no file can have is of none."""
+    try:
+        return path.exists()
+    except (OSError, ValueError):
+        return False
 
 
 def _one_of(addresses: tuple[int, ...]) -> Callable[[str], int]:
@@ -209,7 +244,9 @@ def mechanics(setup: Setup) -> None:
 
 def camera(setup: Setup) -> None:
     """Choose the camera: a device, or a ZeroMQ frame server."""
-    chosen = setup.dialogue.choose("camera", "Camera (a number, a path, or the endpoint of a frame server)", cameras())
+    stream = setup.said_of("camera.kind", "v4l2") == "stream"
+    now = setup.said_of("camera.endpoint" if stream else "camera.device", "")
+    chosen = setup.choose("camera", "Camera (a number, a path, or the endpoint of a frame server)", cameras(), now)
     if chosen.startswith(("ipc://", "tcp://")):
         setup.write({"camera.kind": "stream", "camera.endpoint": chosen, "camera.device": None})
     else:
@@ -218,16 +255,17 @@ def camera(setup: Setup) -> None:
 
 def board(setup: Setup) -> None:
     """Take a board file, or make one of CAD; ask where the board lies."""
-    said = setup.dialogue.ask("board", "Board file, or folder of its CAD", "board.json", text)
+    now = setup.said_of("board.file", "board.json")
+    said = setup.ask("board.file", "Board file, or folder of its CAD", now, text)
     source = setup.file.parent / said
-    if not source.exists() and Path(said).exists():  # as it is seen from where the command was typed
+    if not _exists(source) and _exists(Path(said)):  # as it is seen from where the command was typed
         source = Path(said).absolute()
         said = str(source)
     try:
         if source.is_dir() or source.suffix == ".zip":
             target = setup.file.parent / "board.json"
-            side = setup.dialogue.ask("board.side", "Side that is probed (top or bottom)", "top", _side)
-            bare = setup.dialogue.yes("Is the board bare, without parts?", key="board.bare", default=False)
+            side = setup.dialogue.ask(f"board.side of {said}", "Side that is probed (top or bottom)", "top", _side)
+            bare = setup.dialogue.yes("Is the board bare, without parts?", key=f"board.bare of {said}", default=False)
             import_board(source, side, Options(bare=bare)).save(target)  # type: ignore[arg-type]
             said = target.name
         loaded = Board.load(setup.file.parent / said)
@@ -254,8 +292,9 @@ def meter(setup: Setup) -> None:
     now: dict[str, Any] = there if isinstance(there, dict) else {}
     say("An instrument between needle and harness measures what the needle stands on. A station may be without one.")
     if not setup.dialogue.yes("Is there one?", default=there is not None):
-        say("So your own tester measures: by `reprobe touch`, or over the wire by touch or probe (measure tester).")
-        say(f"`reprobe probe` and `reprobe run` need one; `reprobe setup -c {setup.file} --only meter` adds it.")
+        say("So your own tester measures: by `reprobe touch` or `reprobe probe --measure tester`, or over the wire.")
+        say("Without that option `reprobe probe` and `reprobe run` need one;")
+        say(f"`reprobe setup -c {setup.file} --only meter` adds it.")
         if there is not None:
             say(f"{setup.file} still has one: delete its table [meter] there by hand.")
         return
@@ -296,14 +335,19 @@ def sockets(setup: Setup) -> None:
 
 def check(setup: Setup) -> None:
     """Check the whole file, as `reprobe check-config` does."""
+    whole_file(setup)
+    odd = unlikely(setup.file)
+    for note in told(odd.notes, odd.lines):
+        setup.dialogue.say(f"  warning: {note}")
+    setup.dialogue.say(f"{setup.file}: good")
+
+
+def whole_file(setup: Setup) -> Config:
+    """Return the configuration that the file is; raise `StepFailed` with all its mistakes if it is none."""
     try:
-        load_config(setup.file)
+        return load_config(setup.file)
     except ConfigError as exc:
         listed = "\n".join(f"  {problem}" for problem in told(exc.problems, exc.lines))
         raise StepFailed(
             f"{setup.file} has mistakes:\n{listed}", f"correct them in {setup.file}, then try again"
         ) from exc
-    odd = unlikely(setup.file)
-    for note in told(odd.notes, odd.lines):
-        setup.dialogue.say(f"  warning: {note}")
-    setup.dialogue.say(f"{setup.file}: good")

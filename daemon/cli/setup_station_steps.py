@@ -11,9 +11,8 @@ from daemon.cli.click_page import kept_picture, write_click_page
 from daemon.cli.points import parse_point
 from daemon.cli.progress import run_with_bar
 from daemon.cli.setup_dialogue import StepFailed, number
-from daemon.cli.setup_file_steps import Setup
+from daemon.cli.setup_file_steps import Setup, whole_file
 from daemon.client import Client, NoAnswer, Refused, from_here
-from daemon.config.model import load_config
 from daemon.domain.results import JobResult
 from daemon.tools.demo.processes import Process, StartError, wait_for_daemon
 from daemon.tools.setup import corrected_increments, read_value
@@ -33,8 +32,8 @@ class Daemon:
 
     @property
     def endpoint(self) -> str:
-        """Where it is asked."""
-        return from_here(load_config(self._setup.file).api.control)
+        """Where it is asked; `StepFailed` where the file has mistakes."""
+        return from_here(whole_file(self._setup).api.control)
 
     def start(self) -> None:
         """Start it; one that answers there already is used instead."""

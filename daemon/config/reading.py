@@ -14,7 +14,7 @@ from daemon.config.plausible import heights_meant, implausible, unlikely
 from daemon.config.problems import ConfigError, Problem, Unlikely, in_words
 from daemon.config.raw_values import RawValues
 from daemon.config.toml_lines import line_numbers, what_was_meant
-from daemon.platform.plain_file import read_small
+from daemon.platform.plain_file import as_text, read_small
 
 MOST_BYTES, LONGEST_LINE = 250_000, 1_000
 """A key of many dots costs the parser the square of their number: one of 50,000 takes minutes."""
@@ -23,7 +23,8 @@ Root = TypeVar("Root", bound=BaseModel)
 
 def read_checked(path: Path, root: type[Root]) -> Root:
     """Return the file's tree; raise `ConfigError` naming every problem."""
-    raw, lines = _parse(path)
+    text, raw = _parse(path)
+    lines = line_numbers(text)
     if not raw:
         said = "nothing is written in it; `reprobe setup` writes one, or begin with a copy of station.example.toml"
         raise ConfigError(path, [("(file)", said)])
@@ -40,17 +41,22 @@ def read_checked(path: Path, root: type[Root]) -> Root:
 
 def read_unlikely(path: Path, root: type[BaseModel]) -> Unlikely:
     """Return what a file has that is possible and hardly meant; raise `ConfigError` if it is no TOML."""
-    raw, lines = _parse(path)
-    return Unlikely(list(unlikely(RawValues(raw, root), path.resolve().parent)), lines)
+    text, raw = _parse(path)
+    return Unlikely(list(unlikely(RawValues(raw, root), path.resolve().parent)), line_numbers(text))
 
 
-def _parse(path: Path) -> tuple[dict[str, Any], dict[str, int]]:
-    """Return the parsed file and the line of each of its keys."""
+def toml_text(path: Path) -> str:
+    """Return the text of a file that is TOML; raise `ConfigError` with the line and the cause if it is none."""
+    return _parse(path)[0]
+
+
+def _parse(path: Path) -> tuple[str, dict[str, Any]]:
+    """Return the file's text, and the tree of its values."""
     text = _text(path)
-    if any(len(line) > LONGEST_LINE for line in text.splitlines()):
+    if any(len(line) > LONGEST_LINE for line in text.split("\n")):
         raise ConfigError(path, [("(file)", f"it has a line of more than {LONGEST_LINE} letters")])
     try:
-        return tomllib.loads(text), line_numbers(text)
+        return text, tomllib.loads(text)
     except tomllib.TOMLDecodeError as exc:
         raise ConfigError(path, [("(file)", f"is not TOML: {what_was_meant(text, exc)}")]) from exc
     except RecursionError:
@@ -65,11 +71,9 @@ def _text(path: Path) -> str:
         why = (exc.strerror if isinstance(exc, OSError) else None) or str(exc)
         raise ConfigError(path, [("(file)", f"cannot be read: {why}; give the path of a station.toml")]) from exc
     try:
-        return content.decode("utf-8-sig")  # some editors begin a file with a byte order mark
-    except UnicodeDecodeError as exc:
-        line = content.count(b"\n", 0, exc.start) + 1
-        said = f"is not TOML: line {line} is not UTF-8 (byte {content[exc.start]:02x}h); save the file as UTF-8"
-        raise ConfigError(path, [("(file)", said)]) from exc
+        return as_text(content)
+    except ValueError as exc:
+        raise ConfigError(path, [("(file)", f"is not TOML: {exc}")]) from exc
 
 
 def _validate(raw: dict[str, Any], root: type[Root]) -> tuple[Root | None, list[Problem]]:

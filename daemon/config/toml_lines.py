@@ -83,7 +83,7 @@ def what_was_meant(text: str, error: tomllib.TOMLDecodeError) -> str:
     said = str(error)
     if not (at := _AT.search(said)):
         return f"{said}; see the end of the file: a quote or a bracket may be left open"
-    number, lines = int(at[1]), text.splitlines()
+    number, lines = int(at[1]), text.split("\n")
     # An open quote, bracket or end of line is noticed where the next line begins.
     for back in (number, number - 1):
         line = lines[back - 1] if 0 < back <= len(lines) else ""
@@ -100,7 +100,8 @@ def what_was_meant(text: str, error: tomllib.TOMLDecodeError) -> str:
 def _statements(text: str) -> Iterator[tuple[int, str]]:
     """Yield the lines that may begin a statement: none within a text of several lines or a list."""
     fence, depth = "", 0
-    for number, line in enumerate(text.splitlines(), start=1):
+    # As TOML counts: the other ends of lines that `splitlines` knows may stand within a remark or a name.
+    for number, line in enumerate(text.split("\n"), start=1):
         if fence:
             fence = "" if fence in line else fence
             continue

@@ -87,7 +87,7 @@ class Users:
 
         def write(beside: Path) -> None:
             beside.chmod(0o600)
-            beside.write_text(text)
+            beside.write_text(text, encoding="utf-8")
 
         try:
             replace_whole(self._file, write)
@@ -113,7 +113,7 @@ class Users:
 
 def _read(file: Path) -> dict[str, User]:
     try:
-        users = [User(**line) for line in json.loads(file.read_text())]
+        users = [User(**line) for line in json.loads(file.read_text(encoding="utf-8"))]
         if any(user.role not in ROLES or not user.digest for user in users):
             raise ValueError
     except (OSError, ValueError, TypeError) as exc:

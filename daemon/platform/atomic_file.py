@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import stat
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -24,6 +25,32 @@ def replace_whole(path: Path, write: Callable[[Path], object], mode: int | None 
     with written_beside(path, write, mode) as beside:
         beside.replace(path)
         flush_folder(path.parent)
+
+
+def rewrite(path: Path, content: bytes, mode_of_new: int) -> None:
+    """Give a file that is a person's own another content, whole or not at all.
+
+    What that person arranged stays: a link still leads to the file, which keeps its mode, and its owner and group as
+    far as this process may give a file away. Raises OSError; the file is then as it was.
+    """
+    # Not `resolve`, which raises another error where links lead round in a circle.
+    target = Path(os.path.realpath(path))
+    before = target.stat() if target.exists() else None
+
+    def put(beside: Path) -> None:
+        beside.write_bytes(content)
+        if before is not None:
+            _give(beside, before)
+        beside.chmod(mode_of_new if before is None else stat.S_IMODE(before.st_mode))  # giving a file takes bits away
+
+    replace_whole(target, put)
+
+
+def _give(path: Path, like: os.stat_result) -> None:
+    """Give a file the owner and the group of another, each as far as that is allowed."""
+    for user, group in ((-1, like.st_gid), (like.st_uid, -1)):
+        with suppress(PermissionError):
+            os.chown(path, user, group)
 
 
 @contextmanager

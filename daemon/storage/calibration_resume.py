@@ -54,7 +54,7 @@ class Partial(BaseModel):
     def write(self, folder: Path) -> None:
         """Keep it, whole or not at all; OSError if it cannot be written."""
         text = self.model_dump_json()
-        replace_whole(folder / _FILE, lambda path: path.write_text(text), FOR_THE_GROUP)
+        replace_whole(folder / _FILE, lambda path: path.write_text(text, encoding="utf-8"), FOR_THE_GROUP)
 
     @classmethod
     def read(cls, folder: Path) -> Partial | None:

@@ -89,7 +89,8 @@ class PlanStore:
 
     def _write(self, stored: StoredPlan) -> None:
         text = stored.model_dump_json(indent=1)
-        replace_whole(self._path(stored.plan.name, stored.version), lambda beside: beside.write_text(text))
+        path = self._path(stored.plan.name, stored.version)
+        replace_whole(path, lambda beside: beside.write_text(text, encoding="utf-8"))
 
 
 def _damaged(path: Path, why: Exception) -> Fault:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.platform.plain_file import read_small
+from daemon.platform.plain_file import as_text, read_small
 
 Array = NDArray[np.float64]
 MOST_BYTES = 50_000_000
@@ -50,11 +50,12 @@ class RotationalRecord:
 def read_record(path: Path) -> RotationalRecord:
     """Read a record from a file; BadRecord for one that cannot be read or is none."""
     try:
-        text = read_small(path, MOST_BYTES).decode("utf-8-sig")
+        text = as_text(read_small(path, MOST_BYTES))
     except OSError as exc:
         raise BadRecord(f"{path} cannot be read: {exc.strerror}", "name a CSV file that exists") from exc
-    except UnicodeDecodeError as exc:
-        raise BadRecord(f"{path} is not a text file", f"give a CSV with the columns {', '.join(COLUMNS)}") from exc
+    except ValueError as exc:
+        wanted = f"give a CSV with the columns {', '.join(COLUMNS)}"
+        raise BadRecord(f"{path} is not a text file: {exc}", wanted) from exc
     return parse_record(text.splitlines())
 
 

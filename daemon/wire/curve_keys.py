@@ -21,7 +21,7 @@ import zmq
 from daemon.domain.roles import ROLES, Role
 from daemon.platform.atomic_file import replace_whole
 from daemon.platform.clock import utc_now
-from daemon.platform.plain_file import read_small
+from daemon.platform.plain_file import as_text, read_small
 
 SERVER_FILE, CLIENTS, REVOKED = "server.key", "clients", "revoked"
 PRIVATE, FOLDER, PUBLIC = 0o600, 0o700, 0o644
@@ -167,7 +167,7 @@ def _write(path: Path, mode: int, head: str, **fields: str) -> None:
     text = f"# {head}\n" + "".join(f'{name} = "{value}"\n' for name, value in fields.items())
 
     def put(beside: Path) -> None:
-        beside.write_text(text)
+        beside.write_text(text, encoding="utf-8")
         beside.chmod(mode)
 
     try:
@@ -178,10 +178,10 @@ def _write(path: Path, mode: int, head: str, **fields: str) -> None:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(read_small(path).decode("utf-8-sig"))
+        return tomllib.loads(as_text(read_small(path)))
     except OSError as exc:
         raise KeyTrouble(f"{path}: {exc.strerror}", "give the file `reprobe keys new` wrote") from exc
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as exc:
+    except (ValueError, RecursionError) as exc:
         raise KeyTrouble(f"{path} is no key file: {exc}", "make the key anew by `reprobe keys new`") from exc
 
 

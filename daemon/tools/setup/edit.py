@@ -43,10 +43,10 @@ def with_values(text: str, values: Mapping[str, Value]) -> str:
 
 
 def _with_value(text: str, path: str, value: Value) -> str:
-    lines = text.splitlines()
+    lines = text.removesuffix("\n").split("\n")  # as TOML ends a line, no other way
     numbers = line_numbers(text)
     table, _, key = path.rpartition(".")
-    written = json.dumps(value)
+    written = _written(value)
     if value is None:
         if path in numbers:
             del lines[numbers[path] - 1]
@@ -61,3 +61,14 @@ def _with_value(text: str, path: str, value: Value) -> str:
     else:
         lines += ["", f"[{table}]", f"{key} = {written}"]
     return "\n".join(lines) + "\n"
+
+
+def _written(value: Value) -> str:
+    """Return a value as TOML has it: its letters as they are, and what shows nothing by its number."""
+    if not isinstance(value, str):
+        return json.dumps(value)
+    return "".join(c if c.isprintable() else _by_number(c) for c in json.dumps(value, ensure_ascii=False))
+
+
+def _by_number(letter: str) -> str:
+    return f"\\u{ord(letter):04x}" if ord(letter) < 0x10000 else f"\\U{ord(letter):08x}"

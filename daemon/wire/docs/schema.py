@@ -56,7 +56,7 @@ def write(folder: Path, api: type[BaseModel], more: Mapping[str, str] = MappingP
 
 def _put(path: Path, text: str) -> None:
     def put(beside: Path) -> None:
-        beside.write_text(text)
+        beside.write_text(text, encoding="utf-8")
         beside.chmod(0o644)
 
     replace_whole(path, put)

@@ -207,8 +207,10 @@ def test_a_scanner_channel_is_a_whole_number(tmp_path: Path, channel: str) -> No
     assert written["meter"]["contact_channel"] == 101
 
 
-def test_its_last_words_are_the_next_commands_and_can_be_pasted(tmp_path: Path) -> None:
-    _, said = _only(tmp_path / "station.toml", "name", "left", "")
+def test_its_last_words_are_the_next_commands_and_can_be_pasted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said = _walk(monkeypatch, tmp_path / "station.toml", "name", answers=["left", ""])
     typed = [shlex.split(line, comments=True) for line in said.rpartition("then type:")[2].strip().splitlines()]
     assert [" ".join(one) for one in typed] == [
         "reprobe home", "reprobe align", "reprobe calibrate surface", "reprobe place TP7",
