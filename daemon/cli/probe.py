@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 from pydantic import ValidationError
@@ -10,12 +10,14 @@ from rich.markup import escape
 
 from daemon.cli.formatting import as_commands
 from daemon.cli.output import DEFAULT_ENDPOINT, USAGE, AsJson, Endpoint, answered, err, fail, out, say_cure, say_json
+from daemon.cli.probe_tester import probe_for_tester
 from daemon.cli.tester import ANSWER_WITHIN_S, BoardId, JobIdOption
 from daemon.client import Client
 from daemon.domain.point_test import PASSES, UNIT_OF_METHOD, Limits, PointRecord, PointVerdict
 from daemon.domain.results import JobResult
 
 app = typer.Typer()
+OWN = {"station": "station's instrument", "tester": "tester"}
 ACCUSED, NOT_KNOWN = 1, 3
 """Exit codes beside 0, a pass, and 2, a wrong command: the net is at fault; or nobody knows, for it was not tested."""
 PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"), (1e-12, "p"))
@@ -34,6 +36,10 @@ def probe(
     theta: Annotated[float | None, typer.Option(help="Head angle, degrees; any that reaches it by default.")] = None,
     look_first: Annotated[bool, typer.Option("--look-first", help="Look before the first touch.")] = False,
     touches: Annotated[int | None, typer.Option(help="Descents onto the pad at most.")] = None,
+    measure: Annotated[
+        Literal["station", "tester"],
+        typer.Option(help="Who measures. tester: you do, and a line per press says pass, fail, open, or a value."),
+    ] = "station",
     timeout_s: Annotated[float, typer.Option(help="Give up after this.")] = 60.0,
     board_id: BoardId = None,
     job_id: JobIdOption = None,
@@ -46,24 +52,34 @@ def probe(
     """
     if (test_point is None) == (net is None):
         fail("give either a test point or --net", advice="reprobe probe TP7, or reprobe probe --net VCC", code=USAGE)
-    if method not in UNIT_OF_METHOD or method == "insert":
-        known = ", ".join(name for name in UNIT_OF_METHOD if name != "insert")
-        fail(f"{method!r} is no method of the station's instrument", advice=f"one of {known}", code=USAGE)
+    known = [name for name in UNIT_OF_METHOD if name != "insert" or measure == "tester"]
+    if method not in known:
+        fail(f"{method!r} is no method of the {OWN[measure]}", advice=f"one of {', '.join(known)}", code=USAGE)
     fields: dict[str, Any] = {
         "test_point": test_point, "net": net, "method": method, "theta_deg": theta, "touches": touches,
         "board_id": board_id, "look": "first" if look_first else None, "deadline_ms": timeout_s * 1e3,
         "limits": _limits(method, low, high, unit),
     }  # fmt: skip
     given = {name: value for name, value in fields.items() if value is not None}
-    _show(_answer(endpoint, job_id, timeout_s, given), as_json=as_json)
+    by_tester = measure == "tester"
+    _show(_answer(endpoint, job_id, timeout_s, given, by_tester=by_tester, as_json=as_json), as_json=as_json)
 
 
-def _answer(endpoint: str, job_id: str | None, timeout_s: float, given: dict[str, Any]) -> JobResult:
+def _answer(
+    endpoint: str, job_id: str | None, timeout_s: float, given: dict[str, Any], *, by_tester: bool, as_json: bool
+) -> JobResult:
     """Return the job's result; who gets none has no verdict, and the exit code must not look like one."""
     try:
+        if by_tester:
+            with answered():
+                return probe_for_tester(endpoint, job_id, timeout_s + 10.0, given, as_json=as_json)
         with answered(), Client(endpoint, timeout_s=ANSWER_WITHIN_S) as client, err.status("probe ..."):
             client.request("status")
             return client.job("probe", job_id=job_id, timeout_s=timeout_s + 10.0, **given)
+    except KeyboardInterrupt:
+        # Another exit code would say that the net is at fault.
+        err.print("interrupted: not tested" if by_tester else "interrupted; `reprobe cancel` ends the job")
+        raise typer.Exit(NOT_KNOWN) from None
     except typer.Exit:
         raise typer.Exit(NOT_KNOWN) from None
 

@@ -37,7 +37,8 @@ class MeterReadings:
             raise Fault(
                 FaultCode.METER_FAILED,
                 "this station has no measuring instrument",
-                advice='`reprobe setup --only meter` asks for one; or send "measure": "tester", and measure yourself',
+                advice="`reprobe setup --only meter` asks for one; or measure yourself: "
+                '`reprobe probe --measure tester`, over the wire "measure": "tester"',
             )
         self._job, self._context = job, context
         self._section: MeterSection = section

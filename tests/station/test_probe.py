@@ -296,6 +296,27 @@ def test_the_command_tells_the_verdict_and_exits_by_it(rig: Rig, client: Client)
     assert "Traceback" not in usage.stderr
 
 
+def test_by_the_command_the_tester_measures_and_is_held_for(rig: Rig, client: Client) -> None:
+    words = [sys.executable, "-m", "daemon.cli", "probe", _fresh(rig), "--measure", "tester", "--json"]
+    command = subprocess.Popen(
+        [*words, "--endpoint", rig.control], cwd=ROOT, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    )
+    with command:
+        assert command.stdin is not None
+        assert command.stdout is not None
+        for number, said in ((1, "open"), (2, "pass")):
+            contact = json.loads(command.stdout.readline())["contact"]
+            assert contact["press"] == number
+            if number == 1:  # longer than the lease: it is renewed
+                time.sleep(3.0)
+            assert rig.truth()["pressed_um"] > 200.0
+            command.stdin.write(f"{said}\n")
+            command.stdin.flush()
+        told = json.loads(command.stdout.readline())
+        assert command.wait(EVENTUALLY_S) == 0
+    assert [one["said"] for one in told["detail"]["record"]["readings"]] == ["open", "pass"]
+
+
 def test_budgets_of_a_board_hold_over_visits_by_the_truth_log(rig: Rig, client: Client) -> None:
     _must(client, "align", board_id="worn", timeout_s=600.0)
     _must(client, "calibrate", what="surface", places=12, timeout_s=600.0)
