@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Final
@@ -23,6 +22,12 @@ from daemon.storage.calibration_records import (
 from daemon.tools.report.page import Number, Page, PageVerdict, render, spoken_time, write_text
 
 NEEDED: Final = ("map", "rotation", "surface", "backlash", "alignment")
+BUDGET: Final = {
+    "rotation": "head at angles not measured, rms",
+    "alignment": "place of the board, rms",
+    "backlash": "play of X and Y, scatter",
+}
+"""What leaves an error in a first landing, and how that is called."""
 
 
 def certificate(config: Config, now: InForce) -> Page:
@@ -34,31 +39,19 @@ def certificate(config: Config, now: InForce) -> Page:
     for kind in NEEDED:
         record = now.records.get(kind)
         if record is None:
-            rows.append(Number(kind, now.problems.get(kind, "not calibrated"), bad=True))
+            rows.append(_not_measured(kind, kind, now.problems.get(kind, "")))
             continue
         until = datetime.fromisoformat(record.made_at) + timedelta(days=max_days)
         over = kind == "map" and until < datetime.now(UTC)
         late += [kind] if over else []
         valid = f"valid until {until:%Y-%m-%d}" if kind == "map" else "until probe, head or nest are changed"
         rows += [Number(kind, spoken_time(record.made_at), limit=valid, bad=over), Number(f"{kind}: by", _by(record))]
-    budget = [(name, um) for record in now.records.values() for name, um in _errors(record)]
-    rows += [Number(f"error budget: {name}", um, "um") for name, um in budget]
-    total = math.sqrt(math.fsum(um * um for _, um in budget))
     limit = config.servo.first_landing_um
-    rows.append(
-        Number(
-            "error budget: together (root of the sum of squares), rms",
-            total,
-            "um",
-            1,
-            f"at most {limit:g} um",
-            total > limit,
-        )
-    )
-    good = not missing and not late and total <= limit
+    budget, total = _budget(now, limit)
+    good = not missing and not late and total is not None and total <= limit
     return Page(
         kind="certificate", subject="Calibration certificate", station=config.station.name, made_at=utc_now(), job="",
-        verdict=PageVerdict(good, _because(missing, late, total, limit)), numbers=tuple(rows), plots=(),
+        verdict=PageVerdict(good, _because(missing, late, total, limit)), numbers=(*rows, *budget), plots=(),
         done="written",
     )  # fmt: skip
 
@@ -69,8 +62,30 @@ def write_certificate(config: Config, now: InForce, path: Path) -> None:
     replace_whole(path, lambda beside: write_text(beside, text))
 
 
-def _because(missing: list[str], late: list[str], total_um: float, limit_um: float) -> str:
-    if missing:
+def _not_measured(label: str, kind: str, why: str = "") -> Number:
+    """Return the line of what is not known, with the command that measures it."""
+    command = "reprobe align" if kind == "alignment" else f"reprobe calibrate {kind}"
+    return Number(label, f"not measured: {why}" if why else "not measured", limit=f"`{command}` measures it", bad=True)
+
+
+def _budget(now: InForce, limit_um: float) -> tuple[list[Number], float | None]:
+    """Return the lines of the error budget and their sum, None where a part of it is not known: it is no sum then."""
+    rows, parts = [], []
+    for kind, name in BUDGET.items():
+        um = _left_by(now.records.get(kind))
+        parts.append(um)
+        label = f"error budget: {name}"
+        rows.append(_not_measured(label, kind) if um is None else Number(label, um, "um"))
+    known = [um for um in parts if um is not None]
+    total = math.sqrt(math.fsum(um * um for um in known)) if len(known) == len(parts) else None
+    label, limit = "error budget: together (root of the sum of squares), rms", f"at most {limit_um:g} um"
+    together = Number(label, "not known: a part is not measured", limit=limit, bad=True)
+    rows.append(together if total is None else Number(label, total, "um", 1, limit, total > limit_um))
+    return rows, total
+
+
+def _because(missing: list[str], late: list[str], total_um: float | None, limit_um: float) -> str:
+    if missing or total_um is None:
         return f"Not calibrated, or not for this probe and board: {', '.join(missing)}."
     if late:
         return f"Too old: {', '.join(late)}."
@@ -93,14 +108,14 @@ def _by(record: Record) -> str:
             return f"CAD of {record.board}, {record.side}, {len(record.fiducials)} places (job {record.job})"
 
 
-def _errors(record: Record) -> Iterator[tuple[str, float]]:
-    """Yield what a calibration leaves of error in a first landing."""
+def _left_by(record: Record | None) -> float | None:
+    """Return what a calibration leaves of error in a first landing, um; None where it was not made."""
     match record:
         case RotationRecord():
-            yield "head at angles not measured, rms", record.holdout_rms_um
+            return record.holdout_rms_um
         case AlignmentRecord():
-            yield "place of the board, rms", record.rms_um
+            return record.rms_um
         case BacklashRecord():
-            yield "play of X and Y, scatter", math.hypot(record.x.sigma_um, record.y.sigma_um)
+            return math.hypot(record.x.sigma_um, record.y.sigma_um)
         case _:
-            return
+            return None

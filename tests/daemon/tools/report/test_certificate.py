@@ -12,6 +12,7 @@ from daemon.config.model import load_config
 from daemon.platform.clock import utc_now
 from daemon.storage.calibration_in_force import InForce
 from daemon.storage.calibration_records import Record
+from daemon.tools.board_import import Options, import_board
 from daemon.tools.demo.settings import Places, write_settings
 from daemon.tools.report.certificate import certificate
 from tests.daemon.tools.report.synthetic import (
@@ -22,6 +23,7 @@ from tests.daemon.tools.report.synthetic import (
     surface_record,
 )
 
+ROOT = Path(__file__).parents[4]
 pytestmark = pytest.mark.usefixtures("logging_as_before")
 
 
@@ -53,6 +55,37 @@ def test_what_is_missing_or_too_old_is_no_good(tmp_path: Path, made_at: str, lef
     page = certificate(config, InForce("demo", records=records))
     assert not page.verdict.good
     assert page.verdict.because.startswith(why)
+
+
+@pytest.mark.parametrize("left_out", [
+    (), ("map", "surface"), ("rotation", "alignment"), ("map", "rotation", "surface", "backlash", "alignment"),
+])  # fmt: skip
+def test_what_is_not_measured_is_said_with_its_command_and_is_no_zero_in_the_sum(
+    tmp_path: Path, left_out: tuple[str, ...]
+) -> None:
+    config = load_config(write_settings(Places(tmp_path, tmp_path)))
+    records = {kind: record for kind, record in _records(utc_now()).items() if kind not in left_out}
+    page = certificate(config, InForce("demo", records=records))
+    for kind in left_out:
+        (row,) = (number for number in page.numbers if number.label == kind)
+        assert (row.text, row.bad) == ("not measured", True)
+        assert ("`reprobe align`" if kind == "alignment" else f"`reprobe calibrate {kind}`") in row.limit
+    budget = [number for number in page.numbers if number.label.startswith("error budget: ")]
+    assert len(budget) == 4, "its lines are the same whatever was measured"
+    unknown = [number for number in budget if number.text == "not measured"]
+    assert len(unknown) == len({"rotation", "alignment", "backlash"} & set(left_out))
+    assert all("measures it" in number.limit and number.bad for number in unknown)
+    assert isinstance(budget[-1].value, str) == bool(unknown), "a sum without a part of it is none"
+    assert page.verdict.good == (not left_out)
+
+
+def test_the_command_writes_a_certificate_where_nothing_was_calibrated(tmp_path: Path) -> None:
+    config, page = write_settings(Places(tmp_path, tmp_path)), tmp_path / "certificate.html"
+    import_board(ROOT / "sim_hw" / "demo_board", "top", Options(bare=True)).save(load_config(config).board.file)
+    written = CliRunner().invoke(app, ["calibrate", "certificate", "-c", str(config), "-o", str(page)])
+    assert written.exit_code == 0, written.output
+    assert "not measured" in page.read_text()
+    assert "reprobe calibrate surface" in page.read_text()
 
 
 def test_a_calibrations_page_is_drawn_again_by_its_name(tmp_path: Path) -> None:
