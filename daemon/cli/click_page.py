@@ -35,4 +35,4 @@ def write_click_page(picture: Path, page: Path) -> None:
     environment = Environment(loader=FileSystemLoader(Path(__file__).parent), autoescape=select_autoescape())
     data = base64.b64encode(picture.read_bytes()).decode()
     text = environment.get_template("click_page.html.j2").render(picture=data)
-    replace_whole(page, lambda path: path.write_text(text))
+    replace_whole(page, lambda path: path.write_text(text, encoding="utf-8"))

@@ -53,6 +53,62 @@ def look_closer(tab: Any, hit: Any) -> tuple[int, int]:
     return round(x), round(y)
 
 
+@pytest.fixture
+def tab(browser: Any, teaching: Path) -> Any:
+    return opened(browser, teaching, viewport={"width": 1280, "height": 800})
+
+
+def held(tab: Any) -> tuple[float, float]:
+    """Where the keyboard's cross is."""
+    x, y = tab.evaluate("held")
+    return x, y
+
+
+def to(tab: Any, x: float, y: float) -> None:
+    """Move the cross there by the arrows of the view, whole pixels first."""
+    for axis, there, keys in ((0, x, ("ArrowRight", "ArrowLeft")), (1, y, ("ArrowDown", "ArrowUp"))):
+        for shift, step in (("Shift+", 1.0), ("", 0.1)):
+            off = there - held(tab)[axis]
+            for _ in range(round(abs(off) / step)):
+                tab.keyboard.press(f"{shift}{keys[off < 0]}")
+
+
+def test_the_end_is_pointed_at_by_the_keyboard_alone(tab: Any) -> None:
+    tab.keyboard.press("Tab")
+    assert tab.evaluate("document.activeElement.id") == "coarse"
+    for key, times in (("Shift+ArrowLeft", 1), ("ArrowLeft", 3), ("ArrowDown", 6)):
+        for _ in range(times):
+            tab.keyboard.press(key)
+    tab.keyboard.press("Enter")
+    assert tab.evaluate("document.activeElement.id") == "view"
+    for _ in range(5):
+        to(tab, *END_PX)
+        before = held(tab)
+        tab.keyboard.press("Enter")
+        assert held(tab) != before, "a cross that stays would be set by one look for all five"
+    assert "5 of 5" in tab.inner_text("#scatter")
+    assert place_of(tab) == pytest.approx(END_PX, abs=0.06)
+    tab.keyboard.press("Tab")
+    tab.keyboard.press("Enter")
+    assert "4 of 5" in tab.inner_text("#scatter"), "what is set is taken back by the keyboard, too"
+
+
+def test_the_cross_stays_in_the_picture_and_in_the_view(tab: Any) -> None:
+    tab.keyboard.press("Tab")
+    for _ in range(12):
+        tab.keyboard.press("Shift+ArrowLeft")
+    tab.keyboard.press("Enter")
+    assert held(tab)[0] == 0
+    for _ in range(60):
+        tab.keyboard.press("Shift+ArrowRight")
+    assert tab.evaluate("Math.abs(held[0] - centre[0]) * ZOOM <= view.clientWidth / 2")
+
+
+def test_the_place_that_is_typed_stands_before_the_command(tab: Any) -> None:
+    before = "document.getElementById('place').compareDocumentPosition(document.getElementById('command'))"
+    assert tab.evaluate(before) & 4, "the command follows"
+
+
 def place_of(tab: Any) -> tuple[float, float]:
     x, y = tab.inner_text("#place").split(",")
     assert tab.inner_text("#command").endswith(f"--tip {x},{y}")

@@ -36,3 +36,5 @@ def test_the_page_to_click_on_takes_parts_of_pixels(tmp_path: Path) -> None:
     assert 'picture.addEventListener("click"' not in text
     assert "color-scheme: light dark" in text
     assert 'name="viewport"' in text
+    assert 'view.addEventListener("keydown"' in text, "who has no mouse points at it by the arrows"
+    assert text.index('id="place"') < text.index('id="command"'), "what the set-up asks for comes first"
