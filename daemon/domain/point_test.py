@@ -173,6 +173,9 @@ class PointRecord(Told):
         default=None, description="fingerprint of the run's plan, by which it is known which limits were asked for"
     )
     reason: str = Field(default="", description="in words, where the verdict alone does not tell")
+    fault: str | None = Field(
+        default=None, description="name of the trouble that ended its test; None: the ladder came to its end"
+    )
     recovered_by: Rung | None = None
     cause: Cause | None = None
     readings: tuple[PointReading, ...] = ()

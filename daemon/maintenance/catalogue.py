@@ -169,8 +169,8 @@ _LIMITS: Final = (
          "free disk space; a journal that was deleted or is damaged needs `reset`", (), 0),
     Spec("needle_down", "daemon", "the needle is not known to be up, and may press on a board", "", None,
          "see that it may be raised, then `reprobe lift`; where the axes are not homed, `reprobe home`", (), 0),
-    Spec("repeated_failures", "daemon", "jobs fail again and again in the same way", "", None,
-         "do what is said of the last failure, then the same job again: it is over when that goes well, or when you say"
+    Spec("repeated_failures", "daemon", "jobs or points fail again and again in the same way", "", None,
+         "do what is said of the last failure, then the same again: it is over when that goes well, or when you say"
          " so by `reprobe acknowledge repeated_failures --mended`", (), 0),
     Spec("not_served", "daemon", "events, live pictures or metrics are not served, for their address cannot be had", "",
          None, "free the address that is named: it is tried again every minute; or choose another, then restart the"

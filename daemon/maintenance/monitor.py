@@ -31,7 +31,7 @@ from daemon.maintenance.device_signals import Devices
 from daemon.maintenance.image_metrics import measure_pictures
 from daemon.maintenance.overview import is_flag, overview
 from daemon.maintenance.panel import Panel, Row
-from daemon.maintenance.repeated_failures import WINDOW, RepeatedFailures
+from daemon.maintenance.repeated_failures import IN_A_ROW, WINDOW, RepeatedFailures
 from daemon.maintenance.signals import Landings, Numbers, Step, of_ending, of_looks
 from daemon.maintenance.types import Finding
 from daemon.platform.clock import clock_behind, utc_now
@@ -142,6 +142,8 @@ class Monitor(JobObserver):
     def on_point(self, record: PointRecord) -> None:
         """Take in what came of a point."""
         self._hand_in(_Tested(record))
+        self._failures.add_point(record)
+        self._tell_failures()
 
     def on_touches(self, touches: int) -> None:
         """Take touches in."""
@@ -202,9 +204,11 @@ class Monitor(JobObserver):
         self.on_flag("clock_behind", clock_behind(utc_now(), last.finished_at if last is not None else ""))
 
     async def _recall_failures(self) -> None:
-        """Take in how the last jobs ended, and bring what stands about them up to date, or take it away."""
+        """Take in how the last jobs and points ended, and bring what stands about them up to date, or take it away."""
         for result, _board in reversed(await self._journal.history(PastWanted(), None, ENDINGS_READ)):
             self._failures.add(result)
+        for record in await self._journal.last_points(IN_A_ROW):
+            self._failures.add_point(record)
         self._failing = "" if REPEATED in self.alerts.standing else None
         self._tell_failures()
 

@@ -121,6 +121,7 @@ async def probe_point(  # noqa: PLR0913  # each is told by name
 class _End:
     verdict: PointVerdict
     reason: str = ""
+    fault: str | None = None
 
 
 class _Trial:
@@ -160,7 +161,8 @@ class _Trial:
             if not self._is_said(fault) or (self.at is not None and self.at.is_down):
                 raise
             touched = self.at is not None and self.at.attempts
-            return _End(PointVerdict.CONTACT_NOT_MADE if touched else PointVerdict.NOT_TESTED, fault.message)
+            verdict = PointVerdict.CONTACT_NOT_MADE if touched else PointVerdict.NOT_TESTED
+            return _End(verdict, fault.message, fault.kind.wire_name)
 
     async def _lift_clear(self) -> None:
         """Lift a needle whose proof is closed where it hovers: it may stand on a board that came up."""
@@ -269,7 +271,8 @@ def _record(test: PointTest, context: StationContext, at: PointUnderTest | None,
     net = next((one.net for one in context.board.points if one.name == test.point), None)
     return PointRecord(
         point=test.point, net=test.net or net, board_id=None, method=test.method,
-        limits=limits_of(test, context.config.ladder), verdict=end.verdict, reason=end.reason, recovered_by=by,
+        limits=limits_of(test, context.config.ladder), verdict=end.verdict, reason=end.reason, fault=end.fault,
+        recovered_by=by,
         cause=cause_of(by, at.error_um, at.metal_um) if by is not None and at is not None else None,
         readings=tuple(at.readings) if at is not None else (), touches=at.touches if at is not None else 0,
         elsewhere=at.elsewhere if at is not None else 0,

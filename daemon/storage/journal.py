@@ -428,6 +428,12 @@ class Journal:
         rows = await self._run(lambda db: db.execute(sql, (run, since, limit)).fetchall())
         return [(int(n), job, PointRecord.model_validate_json(record)) for n, job, record in rows]
 
+    async def last_points(self, limit: int) -> list[PointRecord]:
+        """Return what came of the last points, of all runs and probes, in the order of their tests."""
+        sql = "SELECT record FROM points ORDER BY n DESC LIMIT ?"
+        rows = await self._run(lambda db: db.execute(sql, (limit,)).fetchall())
+        return [PointRecord.model_validate_json(record) for (record,) in reversed(rows)]
+
     async def tests_of(
         self, point: str, board_id: str | None, before: int | None, limit: int
     ) -> list[tuple[int, str, PointRecord]]:

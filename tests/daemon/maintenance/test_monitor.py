@@ -20,6 +20,7 @@ from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.point_test import PointVerdict
 from daemon.domain.results import ErrorBody, JobResult
 from daemon.maintenance.monitor import QUEUE, Monitor
+from daemon.maintenance.repeated_failures import IN_A_ROW
 from daemon.storage.calibration_store import Calibrations
 from daemon.storage.journal import Journal
 from daemon.tools.demo.settings import Places, write_settings
@@ -164,6 +165,26 @@ async def test_failures_that_repeat_are_known_after_a_restart(tmp_path: Path) ->
         assert "repeated_failures" in station.monitor.alerts.standing
     async with _station(tmp_path) as station:
         assert "repeated_failures" in station.monitor.alerts.standing
+
+
+async def test_points_of_a_run_that_fail_in_a_row_are_an_alert_also_after_a_restart(tmp_path: Path) -> None:
+    async def ends(station: _Station, verdict: PointVerdict, fault: str | None) -> None:
+        record = a_record("TP1", verdict, fault=fault, reason="nothing is seen")
+        await station.journal.add_point("run-1", record)
+        station.monitor.on_point(record)
+        await _settled(station.monitor)
+
+    async with _station(tmp_path) as station:
+        for _ in range(IN_A_ROW + 3):
+            await ends(station, PointVerdict.NOT_TESTED, "tip_not_found")
+        alert = station.monitor.alerts.standing["repeated_failures"]
+        assert "in a row ended by tip_not_found" in alert.message
+        assert len(station.heard.alerts) == 1
+    async with _station(tmp_path) as station:
+        await _settled(station.monitor)
+        assert "repeated_failures" in station.monitor.alerts.standing
+        await ends(station, PointVerdict.PASS_FIRST, None)
+        assert "repeated_failures" not in station.monitor.alerts.standing
 
 
 async def test_nothing_is_lost_by_a_kill_and_nothing_is_told_twice(tmp_path: Path) -> None:
