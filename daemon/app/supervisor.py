@@ -40,6 +40,8 @@ from daemon.storage.journal import Journal
 from drivers.deadline import Deadline
 from drivers.errors import CameraError, DeadlinePassed, DeviceError, LinkTimeout
 from drivers.gantry import Position
+from vision import ProbeModel
+from vision.geometry import PoseMap
 
 OPEN_WITHIN_S = 20.0
 FRAME_WITHIN_S = 8.0
@@ -109,7 +111,7 @@ class StationSupervisor:
         geometry = Geometry(config, board, self._calibrations, self.needle.board)
         station = Station(config, hardware, self.needle)
         self.needle.adopt(geometry.up_z_um, geometry.surface_z_um)
-        self.needle.taught_free = partial(self._taught_free, config.gantry.safe_z_um)
+        self.needle.taught_free = partial(self._taught_free, FreePin.where_no_board_is, config.gantry.safe_z_um)
         self._context = StationContext(config, station, board, self._calibrations, geometry)
 
     def _fit_calibrations(self) -> None:
@@ -223,12 +225,12 @@ class StationSupervisor:
         by its count alone.
         """
         if self._context is not None and self.needle.free_pin is None:
-            self.needle.free_pin = self._taught_free(self._context.gantry.free_z_um)
+            self.needle.free_pin = self._taught_free(FreePin.taught, self._context.gantry.free_z_um)
 
-    def _taught_free(self, z_um: float) -> FreePin | None:
+    def _taught_free(self, judged: Callable[[ProbeModel, PoseMap, float], FreePin], z_um: float) -> FreePin | None:
         """Return where a free tip is seen at a height, by tip and map as they were measured; None without one."""
         probe, pose_map = self._calibrations.probe, self._calibrations.pose_map
-        return FreePin.taught(probe, pose_map, z_um) if probe is not None and pose_map is not None else None
+        return judged(probe, pose_map, z_um) if probe is not None and pose_map is not None else None
 
     async def _open(self, deadline: Deadline) -> tuple[Hardware, bool]:
         """Open the devices; return them, and whether the drives' self-test found them fit."""

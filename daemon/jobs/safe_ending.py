@@ -21,8 +21,8 @@ from daemon.station.station import Station
 from drivers.deadline import Deadline
 
 DARK_WITHIN_S = 2.0
-UNSEEN = frozenset({FaultCode.TIP_NOT_FOUND})
-"""After these nobody has seen where the tip is: Z may stand lower than its drive counts."""
+UNSEEN = frozenset({FaultCode.TIP_NOT_FOUND, FaultCode.WRONG_HEIGHT})
+"""After these nobody has seen that the pin is free: Z may stand lower than its drive counts."""
 log = structlog.get_logger(__name__)
 
 
@@ -33,7 +33,7 @@ async def make_safe(
     """Leave the station still, with the needle up, and dark; add to `found` what could not be done, cause first.
 
     `ended_by`: how the job ended; a needle that may be down stays where it is in a fault in which no axis can be
-    trusted. `moved`: the job has moved the head; where it then did not see the tip, that is raised, whatever Z counts.
+    trusted. `moved`: the job has moved the head; where it then saw no free tip, that is raised, whatever Z counts.
     """
     await _stop(station, found)
     unseen = moved and ended_by is not None and ended_by.kind in UNSEEN

@@ -17,6 +17,7 @@ from daemon.jobs.context import JobContext, Outcome, StationContext
 from daemon.procedures.aiming import UNCLEAR, Aim, look_and_aim
 from daemon.procedures.calibrate.commit import Began, keep, on_disk, tell_old
 from daemon.procedures.correct import sidestep_um
+from daemon.procedures.height import require_free
 from daemon.procedures.move_sequence import MoveSequence, shifted
 from daemon.procedures.seat import seat_points, seat_stop, see_seat
 from daemon.storage.alignment_void import Void
@@ -118,6 +119,7 @@ async def _place_um(sequence: MoveSequence, point: BoardPoint, place: Position, 
             advice="see that this board lies in its nest, this side up; name other round targets if that one is dirty",
             **{k: v for k, v in unclear.detail.items() if k != "advice"},
         ) from unclear
+    await require_free(sequence.job, sequence.context, pose_map, sequence.go)
     here = aim.look.position
     way = aim.correction.dx_um, aim.correction.dy_um
     seen: Array = sequence.context.geometry.tip_um(here) + way

@@ -189,6 +189,7 @@ async def _step(
     clear: who knows how low it may go across, where a look has shown what is below; None: nobody does.
     """
     target = _target(context, here, way_um, pose_map)
+    await context.station.may_go(target, job)
     await context.station.prepare_white(job)
     job.fire(Event.OFF_TARGET if job.moves else Event.SEEN)
     job.moves += 1

@@ -63,6 +63,8 @@ async def raise_into_sight(
             return await go(here)
         await require_free(job, context, pose_map, go)
         here = lower
+    if not tip_seen_at(job, here):
+        context.station.needle.blind = True  # whatever made the pictures no good
     return here
 
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Awaitable, Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from daemon.domain.errors import Fault, FaultCode
 from daemon.jobs.context import JobContext, StationContext
-from daemon.station.free_pin import FLEX_WITHIN_UM
+from daemon.station.free_pin import FLEX_WITHIN_UM, LOST_STEPS_UM
 from daemon.station.station import LookResult
 from drivers.gantry import Position
 from vision import Tip
@@ -23,8 +23,6 @@ PUSHED_UM = FLEX_WITHIN_UM
 """So much is a push, for a look that must move nothing and cannot ask further: 3.5 sigma."""
 NO_FLEX_UM = 120.0
 """So much is no flex any more: five sigma."""
-LOST_STEPS_UM = 240.0
-"""So much where no board can be is a Z that stands lower than it counts, or a needle that is not the taught one."""
 ABOUT_UM = 5.0
 RISEN_UM = 20.0
 """A pin that was pushed in comes out by more than this when it is lifted where it stands."""
@@ -94,18 +92,14 @@ async def require_free(
     if up_um <= SUSPECT_UM:
         await _trust_board(job, context, look.position, go if feel else None)
         return
-    here, tip = look.position, look.tip
-    too_high, safe_um = _no_board_reaches(context, here), context.gantry.safe_z_um
+    here, too_high, safe_um = look.position, _no_board_reaches(context, look.position), context.gantry.safe_z_um
     above_um = max(context.gantry.free_z_um, here.z_um + context.gantry.surface_range_um)
-    above = await go(replace(here, z_um=safe_um if too_high else min(above_um, safe_um)))
-    lifted = await context.station.look_white(above, context.calibrations.require_probe(), None, job)
-    job.saw(lifted)
-    if not isinstance(lifted.tip, Tip):
-        raise Fault(
-            FaultCode.TIP_NOT_FOUND,
-            f"whether the needle touched the board cannot be told, for its tip is not seen: {lifted.tip}",
-        )
-    risen_um = pose_map.height_from_shift_um((tip.x_px - lifted.tip.x_px, tip.y_px - lifted.tip.y_px))
+    lifted = await _look_from(
+        job, context, pose_map, await go(replace(here, z_um=safe_um if too_high else min(above_um, safe_um)))
+    )
+    risen_um = up_um - lifted.up_um
+    if not too_high and lifted.up_um > (SUSPECT_UM if risen_um > RISEN_UM else NO_FLEX_UM):
+        await _refuse_lost_steps(job, context, pose_map, go, lifted)
     if risen_um > RISEN_UM:
         context.station.needle.board.end()
         raise _lower_than_counted(here, risen_um) if too_high else _touching(risen_um)
@@ -118,7 +112,41 @@ async def require_free(
             advice="see that Z moves and the probe sits as it was taught, then teach the tip again",
             pushed_um=round(up_um, 1),
         )
-    await go(here)
+    again = await _look_from(job, context, pose_map, await go(here))
+    if again.up_um - up_um > RISEN_UM:  # steps were lost on the way up and down
+        await go(replace(here, z_um=safe_um))
+        raise _lower_than_counted(here, again.up_um)
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """Where a needle was looked at, and how much higher than taught its tip stood."""
+
+    position: Position
+    up_um: float
+
+
+async def _look_from(job: JobContext, context: StationContext, pose_map: PoseMap, at: Position) -> _Seen:
+    """Look at the tip; raise `Fault` if it is not seen."""
+    look = await context.station.look_white(at, context.calibrations.require_probe(), None, job)
+    job.saw(look)
+    if not isinstance(look.tip, Tip):
+        raise Fault(
+            FaultCode.TIP_NOT_FOUND,
+            f"whether the needle touched the board cannot be told, for its tip is not seen: {look.tip}",
+        )
+    return _Seen(at, pushed_um(context, look, pose_map))
+
+
+async def _refuse_lost_steps(
+    job: JobContext, context: StationContext, pose_map: PoseMap, go: Go, lifted: _Seen
+) -> None:
+    """Raise `Fault` if a needle that was lifted to where no board is comes out further when it is lifted more."""
+    safe = replace(lifted.position, z_um=context.gantry.safe_z_um)
+    highest = await _look_from(job, context, pose_map, await go(safe))
+    if lifted.up_um - highest.up_um > RISEN_UM or highest.up_um > LOST_STEPS_UM:
+        context.station.needle.board.end()
+        raise _lower_than_counted(lifted.position, lifted.up_um)
 
 
 async def _trust_board(job: JobContext, context: StationContext, position: Position, go: Go | None) -> None:

@@ -26,6 +26,7 @@ class MoveSequence:
         """
         job, station = self.job, self.context.station
         station.check(target)
+        await station.may_go(target, job)
         job.fire(Event.OFF_TARGET if self._under_way else Event.SEEN)
         self._under_way = True
         await station.prepare_white(job)

@@ -126,6 +126,7 @@ class PointUnderTest:
         self._stays_since = len(self.attempts)
         if context.by_cad and (self.must_be_seen or self.attempts):
             context.references.begin(self.point.place_um, seat_shifts(context))  # drawn while the head travels
+        await context.station.may_go(target, job)
         job.fire(Event.OFF_TARGET if job.moves else Event.SEEN)
         job.moves += 1
         reached = await context.station.go(

@@ -15,6 +15,7 @@ from daemon.domain.board import BoardPoint, SeatPlace
 from daemon.domain.errors import Fault, FaultCode
 from daemon.jobs.context import StationContext
 from daemon.procedures.aiming import require_tip
+from daemon.procedures.height import require_free
 from daemon.procedures.look_numbers import describe
 from daemon.procedures.move_sequence import MoveSequence, shifted
 from daemon.procedures.registered import board_search, look_by_cad
@@ -182,6 +183,7 @@ async def _look_from(
     look = await look_by_cad(job, context, position, context.calibrations.require_probe(), search)
     job.note("look", describe(look, None, None) | {"seat_place": point.name})
     tip = require_tip(look)
+    await require_free(job, context, pose_map, sequence.go)
     found = look.board.found if look.board is not None else None
     if found is None or isinstance(found, NotRegistered):
         raise _unseen(found, point, context)

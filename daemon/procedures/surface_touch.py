@@ -55,6 +55,7 @@ class SurfaceSearch:
         self._config = sequence.context.config
         self._press_um = self._config.gantry.press_um
         self._found_z_um: list[float] = []
+        self._never_free_there = False
         if self._press_um < LEAST_PRESS_UM:
             raise Fault(
                 FaultCode.NOT_CALIBRATED,
@@ -75,6 +76,10 @@ class SurfaceSearch:
         try:
             push = await self._search(above, free)
         except Fault as first:
+            if self._never_free_there:  # not there either, so that nothing can be told by where it was seen
+                await sequence.go(replace(above, z_um=self._config.gantry.safe_z_um))
+                station.needle.free_pin = station.needle.taught_free()
+                raise
             await sequence.go(above)  # nothing is left standing on a board
             await self._tell_stalled(first)
             raise
@@ -151,6 +156,7 @@ class SurfaceSearch:
         """Count the touch, and begin at the next place just above this one; a pin that was never free tells nothing."""
         self._sequence.context.station.needle.touched()
         if surface_z_um > above.z_um - 2 * LEAST_PUSH_UM:
+            self._never_free_there = True
             raise self._never_free(above)
         self._found_z_um.append(surface_z_um)
 

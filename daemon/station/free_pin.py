@@ -6,7 +6,7 @@ A drive that lost steps counts on; a pin that is still pushed in stands higher i
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,6 +15,8 @@ from vision.geometry import PoseMap
 
 FLEX_WITHIN_UM = 80.0
 """By so much of a push camera and needle may flex from stop to stop: 3.5 sigma."""
+LOST_STEPS_UM = 240.0
+"""So much where no board can be is a Z that stands lower than it counts, or a needle that is not the taught one."""
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,8 @@ class FreePin:
     """A tip this near to it is free."""
     z_um: float
     """Z at which it was seen free."""
+    push_px: tuple[float, float] | None = None
+    """Which way a push takes it, of length 1; None: a tip that is off in any direction is not free."""
 
     @classmethod
     def by_map(
@@ -41,6 +45,16 @@ class FreePin:
         """Return where a free tip stands at any stop, as it was taught; a push below the flex cannot be told so."""
         return cls.by_map(pose_map, model, model.tip_px, FLEX_WITHIN_UM, z_um)
 
+    @classmethod
+    def where_no_board_is(cls, model: ProbeModel, pose_map: PoseMap, z_um: float) -> FreePin:
+        """Return the same for a height that no board reaches: only a large push counts there, and no flex does."""
+        free = cls.by_map(pose_map, model, model.tip_px, LOST_STEPS_UM, z_um)
+        x_px, y_px = -np.array(pose_map.below_tip_px) / np.linalg.norm(pose_map.below_tip_px)
+        return replace(free, push_px=(float(x_px), float(y_px)))
+
     def off_px(self, tip: Tip) -> float:
-        """Return how far a tip is from its free place."""
-        return math.dist((tip.x_px, tip.y_px), self.tip_px)
+        """Return how far a tip is from its free place, the way that a push takes it."""
+        x_px, y_px = tip.x_px - self.tip_px[0], tip.y_px - self.tip_px[1]
+        if self.push_px is None:
+            return math.hypot(x_px, y_px)
+        return max(0.0, x_px * self.push_px[0] + y_px * self.push_px[1])

@@ -145,12 +145,20 @@ class Station:
         self._hardware.gantry.check(target)
         if not self.needle.is_up:
             self.needle.refuse_sideways(await self.last_position(caller), target)
-        in_doubt = self.needle.free_pin is not None or self.needle.blind
-        if in_doubt and not _straight(await self.position(caller), target):
-            self.needle.free_pin = self.needle.free_pin or self.needle.taught_free()
-            await self.see_lifted(caller)
+        await self.may_go(target, caller)
         with caller.watch.spend("motion"):
             return await self._move(target, caller.deadline, from_above, slow_z_um, clear)
+
+    async def may_go(self, target: Position, caller: Clocked) -> None:
+        """See before a move sideways that the pin is free, where a press or an unseen tip has left that open.
+
+        Asked by itself before a job tells that it moves; `go` asks too. Raises `Fault` where nothing may go there.
+        """
+        free = self.needle.free_pin
+        if free is None and self.needle.blind:
+            free = self.needle.taught_free()  # each time anew: another needle may be taught meanwhile
+        if free is not None and not _straight(await self.position(caller), target):
+            await self._see_lifted(free, caller)
 
     async def _move(
         self,
@@ -207,9 +215,10 @@ class Station:
         The drive's count is no proof: an axis that lost steps counts on. Nor is a look of a push that is small: where
         a touch sense is fitted, it is asked too.
         """
-        free = self.needle.free_pin
-        if free is None:
-            return
+        if self.needle.free_pin is not None:
+            await self._see_lifted(self.needle.free_pin, caller)
+
+    async def _see_lifted(self, free: FreePin, caller: Clocked) -> None:
         # What the move before has reported is enough: what is proved is proved by the look.
         position = await self.last_position(caller)
         if position.z_um < free.z_um:
@@ -233,6 +242,7 @@ class Station:
                 advice="look at the needle, then `home`: it lifts Z to its switch before anything moves sideways; if "
                 "the needle was changed or bent, `calibrate tip` after that",
             )
+        self.needle.free_pin = free  # that it was seen does not make it free
         raise Fault(
             FaultCode.AXIS_STALLED,
             f"Z did not lift the needle: by its count it is at {position.z_um / 1e3:.2f} mm, but the tip stands "

@@ -18,6 +18,7 @@ import numpy as np
 from daemon.domain.errors import Fault, FaultCode
 from daemon.procedures.calibrate.far_places import FAR_COUNT, FAR_REACH_PX, far_places, in_picture, may_stand
 from daemon.procedures.calibrate.targets import CalibrationTarget, Sighting
+from daemon.procedures.height import require_free
 from daemon.procedures.move_sequence import MoveSequence, shifted
 from daemon.procedures.surface_touch import tip_px
 from drivers.gantry import Position
@@ -264,8 +265,10 @@ class MapAcquisition:
         return np.array(sighting.target_px)
 
     async def _see(self, position: Position, offset_px: tuple[float, float], reach_px: float) -> Sighting | None:
-        """Look once; remember why if the target is not seen."""
+        """Look once; remember why if the target is not seen. By a map that is in force the pin is seen to be free."""
         seen = await self._target.see(self._job, self._context, position, offset_px, reach_px)
+        if (known := self._context.calibrations.pose_map) is not None:
+            await require_free(self._job, self._context, known, self._sequence.go)
         if isinstance(seen, Sighting):
             return seen
         self._why_unseen = seen.why

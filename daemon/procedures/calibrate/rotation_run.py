@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from daemon.domain.errors import Fault, FaultCode
 from daemon.procedures.calibrate.commit import on_disk
 from daemon.procedures.calibrate.targets import CalibrationTarget, Sighting
+from daemon.procedures.height import require_free
 from daemon.procedures.move_sequence import MoveSequence, shifted
 from daemon.procedures.surface_touch import card_height_um
 from daemon.station.kinematics import TRUSTED_UM
@@ -183,6 +184,7 @@ class RotationRun:
         for dx_um, dy_um in ASIDE_UM:
             position = await self._sequence.go(shifted(place, dx_um, dy_um), slow_z_um=self._slow_um)
             seen = await self.target.see(self._job, self._context, position, offset, reach_px)
+            await require_free(self._job, self._context, self._map, self._sequence.go)
             if isinstance(seen, Sighting):
                 return seen
             why = why or seen.why

@@ -31,7 +31,15 @@ from daemon.station.devices import Hardware
 from daemon.station.kinematics import Geometry
 from daemon.station.needle import Needle
 from daemon.station.station import CrossSearch, LookResult, Search, Station
-from daemon.storage.calibration_records import Aligned, AlignmentRecord, MapRecord, RotationRecord, Seat, SurfaceRecord
+from daemon.storage.calibration_records import (
+    Aligned,
+    AlignmentRecord,
+    MapRecord,
+    RotationRecord,
+    Seat,
+    SurfaceRecord,
+    Touch,
+)
 from daemon.storage.calibration_store import Calibrations
 from daemon.wire.operations.jobs import AnyJob
 from daemon.wire.operations.table import OPERATIONS
@@ -44,6 +52,7 @@ from drivers.lights import Light
 from tests.daemon.tools.report.synthetic import rotation_record, surface_record
 from vision import ControlPoint, Decided, NotFound, ProbeModel, Reason, Seen, SeenObject, TestPoint, Tip, Verdict
 from vision.core.circle_fit import CircleFit, Contour
+from vision.geometry import fit_plane
 from vision.geometry.frames import Rigid2
 from vision.geometry.pose_map import PoseMap
 from vision.head.model import Head, head_to_dict
@@ -374,6 +383,8 @@ class World:
         self.height_um: Callable[[float, float], float] = lambda _x, _y: 0.0
         self.push_scale = 1.0
         """How far a pushed tip seems to move, beside what the map says."""
+        self.pin_travel_um = math.inf
+        """A pin goes in no farther: what is sent deeper crashes."""
         self.deepest_seen_um = math.inf
         """A pin that is pushed in farther is no picture of a needle."""
         self.hidden_below_um = -math.inf
@@ -422,6 +433,18 @@ class World:
         self.calibrations.store(self._like(surface, **({} if made_at is None else {"made_at": made_at})))
         return self
 
+    def with_flat_surface(self, height_um: float = 0.0) -> World:
+        """Let a level surface be in force for this board."""
+        corners = [(x, y) for x in (62_000.0, 98_000.0) for y in (42_000.0, 68_000.0)]
+        plane = fit_plane(np.array(corners), np.full(4, height_um))
+        whole: dict[str, Any] = self.made() | {
+            "residuals_um": (0.0,) * 4, "surface": plane.to_dict(), "flatness_um": 0.0,
+            "rms_um": 0.0, "limit_um": 50.0, "planar": True,
+            "touches": tuple(Touch(x_um=x, y_um=y, height_um=height_um) for x, y in corners),
+        }  # fmt: skip
+        self.calibrations.store(SurfaceRecord(**whole))
+        return self
+
     def _like(self, record: RotationRecord | SurfaceRecord, **changes: Any) -> RotationRecord | SurfaceRecord:
         return record.model_copy(update=self.made() | changes)
 
@@ -467,7 +490,7 @@ class World:
         """Return the tip's height above working height, and how far the pin is pushed in, at the present place."""
         z_um, gantry = self.gantry.actual.z_um, self.config.gantry
         surface_um = gantry.touch_z_um + self.height_um(float(place_um[0]), float(place_um[1]))
-        return z_um - gantry.work_z_um, max(0.0, surface_um - z_um)
+        return z_um - gantry.work_z_um, min(self.pin_travel_um, max(0.0, surface_um - z_um))
 
     def see_tip(self) -> Tip | NotFound:
         _, push_um = self._lift_um(self.tip_um())

@@ -15,7 +15,6 @@ from daemon.domain.states import Event
 from daemon.procedures.free_needle import STEP_UM
 from daemon.procedures.height import NO_FLEX_UM, PUSHED_UM, SUSPECT_UM
 from daemon.procedures.registry import PROCEDURES
-from daemon.storage.calibration_records import SurfaceRecord, Touch
 from tests.daemon.procedures.fake_station import (
     BELOW_PX,
     HOVER_UM,
@@ -28,7 +27,6 @@ from tests.daemon.procedures.fake_station import (
     run,
 )
 from vision import NotFound, Reason
-from vision.geometry import fit_plane
 
 SAFE_Z_UM = 12_000.0
 
@@ -46,18 +44,6 @@ def world(tmp_path: Path) -> World:
 
 def _raised(height_um: float) -> Callable[[float, float], float]:
     return lambda _x, _y: height_um
-
-
-def _measured(world: World, height_um: float) -> None:
-    """Let a level surface be in force for this board."""
-    corners = [(x, y) for x in (62_000.0, 98_000.0) for y in (42_000.0, 68_000.0)]
-    plane = fit_plane(np.array(corners), np.full(4, height_um))
-    whole = world.made() | {
-        "residuals_um": (0.0,) * 4, "surface": plane.to_dict(), "flatness_um": 0.0,
-        "rms_um": 0.0, "limit_um": 50.0, "planar": True,
-        "touches": tuple(Touch(x_um=x, y_um=y, height_um=height_um) for x, y in corners),
-    }  # fmt: skip
-    world.calibrations.store(SurfaceRecord(**whole))
 
 
 def _pushed_um(world: World) -> float:
@@ -117,7 +103,7 @@ async def test_a_correction_stays_at_the_free_height_and_says_so(world: World) -
 async def test_a_look_says_what_is_known_of_the_height(world: World) -> None:
     world.put_beside("P11", (30.0, 0.0))
     assert (await _run(world, LOOK)).got.detail["height"] == "unknown"
-    _measured(world, 0.0)
+    world.with_flat_surface(0.0)
     assert (await _run(world, LOOK)).got.detail["height"] == "measured"
 
 
@@ -135,7 +121,7 @@ async def test_place_and_correct_follow_the_measured_surface(world: World, heigh
     world.height_um = _raised(height_um)
     world.put_beside("P00", (0.0, 0.0))
     world.gantry.reported = world.gantry.actual = replace(world.gantry.actual, z_um=5_600.0)
-    _measured(world, height_um)
+    world.with_flat_surface(height_um)
     _lift(world)
     placed = await _run(world, PLACE)
     assert world.gantry.actual.z_um == pytest.approx(WORK_Z_UM + height_um)
@@ -164,7 +150,7 @@ async def test_what_is_measured_is_followed_at_once(world: World) -> None:
 async def test_a_pin_that_is_pushed_in_where_it_should_hover_is_a_fault_and_is_lifted(
     world: World, request_: dict[str, Any]
 ) -> None:
-    _measured(world, 0.0)
+    world.with_flat_surface(0.0)
     world.height_um = _raised(300.0)
     world.put_beside("P11", (40.0, 0.0))
     ran = begin(request_)
@@ -189,7 +175,7 @@ async def test_a_flex_that_looks_like_a_push_is_looked_at_from_above_and_costs_n
     world: World, up_um: float, lifted: bool
 ) -> None:
     """The tip stands higher at this stop, pressed or not: it is the mount."""
-    _measured(world, 0.0)
+    world.with_flat_surface(0.0)
     flex = tuple(-up_um / HOVER_UM * np.array(BELOW_PX))
     world.flex_px = lambda: flex
     world.put_beside("P11", (4.0, 0.0))
@@ -201,7 +187,7 @@ async def test_a_flex_that_looks_like_a_push_is_looked_at_from_above_and_costs_n
 
 
 async def test_a_tip_that_stands_too_high_lifted_or_not_was_taught_elsewhere_or_z_is_stuck(world: World) -> None:
-    _measured(world, 0.0)
+    world.with_flat_surface(0.0)
     flex = tuple(-(NO_FLEX_UM + 5.0) / HOVER_UM * np.array(BELOW_PX))
     world.flex_px = lambda: flex
     world.put_beside("P11", (4.0, 0.0))
@@ -218,7 +204,7 @@ async def test_above_any_possible_board_a_flex_is_a_flex(world: World) -> None:
 
 
 async def test_a_tip_that_is_lost_when_a_suspect_is_lifted_is_said(world: World) -> None:
-    _measured(world, 0.0)
+    world.with_flat_surface(0.0)
     world.height_um = _raised(300.0)
     world.put_beside("P11", (40.0, 0.0))
     world.station.script[2] = lambda seen: replace(seen, tip=NotFound(Reason.TOO_DARK, "dark"))
@@ -228,7 +214,7 @@ async def test_a_tip_that_is_lost_when_a_suspect_is_lifted_is_said(world: World)
 
 async def test_the_first_way_down_over_a_measured_surface_is_slow_and_the_next_ones_are_not(world: World) -> None:
     """Nobody tells when another board was put in: it would be met at full speed."""
-    _measured(world, 0.0)
+    world.with_flat_surface(0.0)
     for slow_um in (5_500.0, 5_100.0, 5_100.0):
         _lift(world)
         await _run(world, PLACE)
@@ -240,7 +226,7 @@ async def test_the_first_way_down_over_a_measured_surface_is_slow_and_the_next_o
 
 
 async def test_another_board_than_was_measured_is_met_slowly(world: World) -> None:
-    _measured(world, 0.0)
+    world.with_flat_surface(0.0)
     world.height_um = _raised(300.0)
     _lift(world)
     fault = await _fault(world, PLACE)
@@ -249,7 +235,7 @@ async def test_another_board_than_was_measured_is_met_slowly(world: World) -> No
 
 
 async def test_a_board_that_was_trusted_and_is_touched_is_trusted_no_more(world: World) -> None:
-    _measured(world, 0.0)
+    world.with_flat_surface(0.0)
     _lift(world)
     await _run(world, PLACE)
     assert world.station.needle.board.holds
@@ -262,7 +248,7 @@ async def test_a_board_that_was_trusted_and_is_touched_is_trusted_no_more(world:
 @pytest.mark.parametrize("measured", [False, True])
 async def test_every_place_looks_once_at_the_pin(world: World, measured: bool) -> None:
     if measured:
-        _measured(world, 0.0)
+        world.with_flat_surface(0.0)
     assert (await _run(world, PLACE)).job.looks == 1
 
 
@@ -366,7 +352,7 @@ async def test_a_map_is_walked_where_the_needle_hovers(world: World, height_um: 
 async def test_a_map_over_a_measured_surface_is_walked_at_the_same_distance_from_it(world: World) -> None:
     world.height_um = _raised(300.0)
     world.gantry.reported = world.gantry.actual = replace(world.gantry.actual, z_um=5_600.0)
-    _measured(world, 300.0)
+    world.with_flat_surface(300.0)
     _lift(world)
     await _run(world, {"op": "calibrate", "what": "map", "test_point": "P11"})
     assert world.gantry.moves[0][0].z_um == WORK_Z_UM + 300.0
@@ -375,7 +361,7 @@ async def test_a_map_over_a_measured_surface_is_walked_at_the_same_distance_from
 
 @pytest.mark.parametrize("height_um", [-300.0, 300.0])
 async def test_an_alignment_touches_no_board_whatever_was_measured_before(world: World, height_um: float) -> None:
-    _measured(world, 0.0)
+    world.with_flat_surface(0.0)
     world.height_um = _raised(height_um)
     names = ["P00", "P02", "P30", "P32"]
     await _run(world, {"op": "align", "fiducials": names})
@@ -405,7 +391,7 @@ HIDDEN_UM = 30.0
 
 def _with_sense(folder: Path) -> World:
     world = World(folder, a_board(*GRID), {"sense": {"kind": "drive_input"}}).teach().with_map()
-    _measured(world, 0.0)
+    world.with_flat_surface(0.0)
     world.put_beside("P11", (1.0, 0.0))
     return world
 
@@ -441,7 +427,7 @@ async def test_a_place_that_is_refused_for_what_lies_there_leaves_no_needle_pres
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It should look whether the pin is free also where the picture shows another board: that one may be higher."""
-    _measured(world, 0.0)
+    world.with_flat_surface(0.0)
     world.height_um = _raised(300.0)
     _lift(world)
 
@@ -458,7 +444,7 @@ async def test_a_place_where_the_tip_is_not_seen_at_once_is_looked_at_again_and_
     world: World, blind: int, seen: bool
 ) -> None:
     """What was not seen free is not free: the needle is raised to where it is for certain."""
-    _measured(world, 0.0)
+    world.with_flat_surface(0.0)
     _lift(world)
     for number in range(1, blind + 1):
         world.station.script[number] = lambda look: replace(look, tip=NotFound(Reason.TOO_DARK, "a glint"))

@@ -165,6 +165,7 @@ async def test_a_surface_over_which_the_pin_was_never_free_gives_no_number(world
         await _press(world)
     assert caught.value.kind is FaultCode.CALIBRATION_FAILED
     assert min(_depths(world)) > 5_000.0 + height_um - 300.0, "within the overtravel"
+    assert _depths(world)[-1] == world.config.gantry.safe_z_um, "where it was to be free it is not"
 
 
 async def test_a_shift_that_noise_makes_up_is_no_touch(world: World) -> None:
