@@ -17,6 +17,7 @@ import numpy as np
 
 from daemon.domain.errors import Fault, FaultCode
 from daemon.procedures.aiming import require_tip
+from daemon.procedures.height import require_free
 from daemon.procedures.move_sequence import MoveSequence, shifted
 from daemon.procedures.touch_sense import refuse_closed_sense
 from daemon.station.free_pin import FreePin
@@ -80,8 +81,10 @@ class SurfaceSearch:
                 await sequence.go(replace(above, z_um=self._config.gantry.safe_z_um))
                 station.needle.free_pin = station.needle.taught_free()
                 raise
-            await sequence.go(above)  # nothing is left standing on a board
+            here = await sequence.go(above)  # nothing is left standing on a board
             await self._tell_stalled(first)
+            await tip_px(sequence, here)  # what was taken for free was not, if it stands higher than it was taught
+            await require_free(sequence.job, sequence.context, self._map, sequence.go)
             raise
         await sequence.go(above)
         await station.see_lifted(sequence.job)

@@ -105,6 +105,17 @@ async def test_a_crashed_needle_over_a_measured_surface_is_lifted_and_z_doubted(
     assert _pushed_um(world) == 0.0
 
 
+async def test_a_surface_that_is_not_met_because_the_needle_stands_in_it_leaves_it_raised(world: World) -> None:
+    """At the end of its travel the pin moves no more in the picture, however much deeper it is sent."""
+    world.put_tip(world.pad_um("P00"), z_um=SAFE_Z_UM)
+    world.pin_travel_um = 1_000.0
+    world.gantry.lost_z_um = 3_677.0
+    with pytest.raises(Fault) as caught:
+        await _do(world, op="calibrate", what="surface", places=4)
+    assert caught.value.kind is FaultCode.AXIS_STALLED
+    assert _pushed_um(world) == 0.0
+
+
 async def test_the_way_back_down_from_a_suspect_is_seen_too(world: World) -> None:
     """Flex (60 um of a push) makes a free pin suspect; Z loses steps on that lift, which nobody looks at afterwards."""
     world.put_tip(world.pad_um("P11"), z_um=SAFE_Z_UM)
