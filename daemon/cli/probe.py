@@ -132,7 +132,13 @@ def told(record: PointRecord) -> list[str]:
         how = f", recovered by {record.recovered_by.replace('_', ' ')}"
         how += f": it was {_CAUSES[record.cause]}" if record.cause in _CAUSES else ""
     verdict = record.verdict.replace("_", " ")
-    counts = f"{record.touches} touches, {record.presses} presses, {record.looks} looks, {record.seconds:.1f} s"
+    counts = ", ".join(
+        f"{n} {one if n == 1 else many}"
+        for n, one, many in (
+            (record.touches, "touch", "touches"), (record.presses, "press", "presses"), (record.looks, "look", "looks")
+        )
+    )  # fmt: skip
+    counts += f", {record.seconds:.1f} s"
     lines = [f"[{colour}]{verdict}[/] {escape(record.point)}{net}{how}; {counts}"]
     if record.reason:
         lines.append(f"  {escape(record.reason)}")

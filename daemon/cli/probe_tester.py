@@ -8,12 +8,13 @@ import re
 import select
 import sys
 import uuid
-from typing import Any
+from typing import Any, cast
 
 from daemon.cli.interruption import taken_as_ctrl_c
 from daemon.cli.output import err, out, say_json
 from daemon.client import Client, NoAnswer, Refused
-from daemon.domain.point_test import TESTER_WORDS, UNIT_OF_METHOD
+from daemon.config.plan_units import parse_value
+from daemon.domain.point_test import TESTER_WORDS, UNIT_OF_METHOD, PointUnit
 from daemon.domain.results import JobResult
 
 LEASE_MS, RENEW_S, HOLD_MS = 2000.0, 0.5, 600_000.0
@@ -103,7 +104,10 @@ def _said(client: Client, job_id: str, lines: Lines, unit: str | None) -> dict[s
 
 
 def as_measured(line: str, unit: str | None) -> dict[str, Any]:
-    """Return what a line tells, as `lift` has it: a word, or a value with its unit; ValueError for another."""
+    """Return what a line tells, as `lift` has it: a word, or a value in the unit itself; ValueError for another.
+
+    A value without a unit is in that of the method; one with a prefix, such as 2.5 mohm, is converted.
+    """
     word = line.strip().lower()
     if unit is None and not word:
         return {}
@@ -114,7 +118,12 @@ def as_measured(line: str, unit: str | None) -> dict[str, Any]:
     if found is None or not math.isfinite(value):
         known = "press Enter, or type pass, fail or open" if unit is None else f"type pass, fail, open, or 0.4 {unit}"
         raise ValueError(f"{line[:60]!r} is nothing that was measured: {known}")
-    return {"value": value, "unit": found[2] or str(unit)}
+    if not found[2]:
+        return {"value": value, "unit": str(unit)}
+    try:
+        return {"value": parse_value(line.strip(), cast("PointUnit", unit)), "unit": str(unit)}
+    except ValueError as exc:
+        raise ValueError(f"{exc}; or type pass, fail, open") from exc
 
 
 def _number(said: str) -> float:

@@ -24,7 +24,8 @@ RESULT = {
 
 @pytest.mark.parametrize(("line", "unit", "told"), [
     ("pass", "ohm", {"verdict": "pass"}), (" OPEN ", "ohm", {"verdict": "open"}), ("fail", None, {"verdict": "fail"}),
-    ("0.4", "ohm", {"value": 0.4, "unit": "ohm"}), ("1.2e3 ohms", "ohm", {"value": 1200.0, "unit": "ohms"}),
+    ("0.4", "ohm", {"value": 0.4, "unit": "ohm"}), ("1.2e3 ohms", "ohm", {"value": 1200.0, "unit": "ohm"}),
+    ("2.5 mohm", "ohm", {"value": 0.0025, "unit": "ohm"}), ("4.7kohm", "ohm", {"value": 4700.0, "unit": "ohm"}),
     ("-3.3V", "V", {"value": -3.3, "unit": "V"}), ("", None, {}),
 ])  # fmt: skip
 def test_a_line_tells_a_word_or_a_value(line: str, unit: str | None, told: dict[str, Any]) -> None:
@@ -32,7 +33,8 @@ def test_a_line_tells_a_word_or_a_value(line: str, unit: str | None, told: dict[
 
 
 @pytest.mark.parametrize(("line", "unit"), [
-    ("", "ohm"), ("good", "ohm"), ("nan", "ohm"), ("1.2.3", "ohm"), ("1e999", "ohm"), ("0.4", None),
+    ("", "ohm"), ("good", "ohm"), ("3 V", "ohm"), ("3 bananas", "ohm"),
+    ("nan", "ohm"), ("1.2.3", "ohm"), ("1e999", "ohm"), ("0.4", None),
 ])  # fmt: skip
 def test_another_line_is_nothing_that_was_measured(line: str, unit: str | None) -> None:
     with pytest.raises(ValueError, match="type pass, fail"):
