@@ -43,7 +43,7 @@ def break_sideways() -> None:
     driver.plan = dragging
     Needle.refuse_sideways = lambda *_anything: None  # type: ignore[method-assign]
     Needle.is_up = property(lambda _needle: True)  # type: ignore[assignment, method-assign]
-    Station.see_lifted = _not_looked  # type: ignore[method-assign]
+    Station.may_go = _not_looked  # type: ignore[method-assign]
 
 
 WAYS: dict[str, Callable[[], None]] = {"pressed": break_pressed, "sideways": break_sideways}
