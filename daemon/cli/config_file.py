@@ -22,4 +22,6 @@ def load(path: Path) -> Config:
     try:
         return load_config(path)
     except ConfigError as exc:
-        fail(str(exc), advice=f"correct it, then try `reprobe check-config {path}`", code=USAGE)
+        there = f"correct it, then try `reprobe check-config {path}`"
+        elsewhere = "name the station's file, --config FILE or REPROBE_CONFIG; `reprobe check-config FILE` checks one"
+        fail(str(exc), advice=there if path.exists() else elsewhere, code=USAGE)

@@ -92,7 +92,9 @@ def in_words(value: Any) -> str:
         case float():
             return f"{value:g}" if abs(value) < 1e6 else f"{value:.0f}"
         case dict():
-            return ", ".join(f"{key.replace('_', ' ')} {_bracketed(inner)}" for key, inner in value.items())
+            return ", ".join(
+                f"{key.replace('_', ' ')} {_bracketed(inner)}" for key, inner in value.items() if inner != ""
+            )
         case list():
             return "".join(f"\n  {in_words(inner)}" for inner in value)
         case _:

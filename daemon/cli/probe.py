@@ -145,11 +145,24 @@ def told(record: PointRecord) -> list[str]:
     for reading in record.readings:
         value = reading.said if reading.value is None else si(reading.value, reading.unit)
         value = "overload" if reading.overload else value
+        wanted = _wanted(record) if record.verdict is PointVerdict.FAIL else ""
         proof = {True: ", contact proved", False: ", no contact", None: ""}[reading.proof]
         lines.append(
-            f"  {reading.rung.replace('_', ' '):<12} {value or 'nothing read'} at {reading.force_n:.2f} N{proof}"
+            f"  {reading.rung.replace('_', ' '):<12} {value or 'nothing read'}{wanted} "
+            f"at {reading.force_n:.2f} N{proof}"
         )
     return lines
+
+
+def _wanted(record: PointRecord) -> str:
+    """Return the limits that a reading had to keep, in words; nothing where there are none."""
+    limits = record.limits
+    if limits is None:
+        return ""
+    low, high = (None if one is None else si(one, limits.unit) for one in (limits.low, limits.high))
+    if low is not None and high is not None:
+        return f" (wanted: {low} to {high})"
+    return f" (wanted: {'at least ' + low if low is not None else 'at most ' + str(high)})"
 
 
 _CAUSES = {"misplaced": "misplaced", "film": "a film", "needle": "the needle"}

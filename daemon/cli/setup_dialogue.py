@@ -114,12 +114,14 @@ class Dialogue:
         """
         for number, one in enumerate(offered, 1):
             self.say(f"  {number}: {one}")
+        if not offered:
+            self.say("  (none was found here)")
 
         def chosen(said: str) -> str:
             if said.isdecimal() and 1 <= int(said) <= len(offered):
                 return offered[int(said) - 1]
             if not said.strip():
-                raise ValueError("name one, or plug it in and begin again")
+                raise ValueError("name one; or plug it in, end with Ctrl-C, and go on here with the same command")
             return said.strip()
 
         return self.ask(key, question, now or (offered[0] if offered else ""), chosen, noted=str)

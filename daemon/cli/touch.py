@@ -103,6 +103,10 @@ def lift(
         if contact is not None:
             try:
                 show(client.lift(contact["id"], press=press or contact.get("press"), **measured), as_json=as_json)
+                if measured and not as_json:
+                    out.print(
+                        f"noted: {' '.join(str(said) for said in measured.values())}", markup=False, highlight=False
+                    )
             except StandsAgain as again:
                 _tell(again.contact, as_json=as_json)
             return

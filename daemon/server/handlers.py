@@ -405,7 +405,7 @@ def _refuse_unit(request: Lift, touch: HeldTouch) -> None:
     """Refuse a value that would be judged by limits of another unit; the needle stays where it is."""
     said = UNIT_WORDS.get((request.unit or "").lower(), request.unit)
     if request.value is not None and said is not None and touch.unit not in (None, said):
-        fields = [{"field": "unit", "problem": f"of this probe: {touch.unit}"}]
+        fields = [{"field": "unit", "problem": f"{touch.unit}, by which this probe is judged, and not {request.unit}"}]
         raise Fault(
             FaultCode.INVALID_REQUEST, f"{request.unit!r} is not {touch.unit}, the unit judged by", fields=fields
         )

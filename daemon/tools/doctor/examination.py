@@ -81,7 +81,7 @@ def _ask_daemon(findings: CheckResults, config: Config) -> bool:
     not_used = says["calibration"]["not_used"]
     for what, why in not_used.items():
         findings.warn(f"calibration {what}", why, f"reprobe calibrate {what}")
-    advice = "for the whole examination stop it first: systemctl stop reprobe"
+    advice = "for the whole examination stop it first: `systemctl stop reprobe`, or Ctrl-C where it was started by hand"
     findings.warn("devices", "not touched: the daemon has them", advice)
     return True
 

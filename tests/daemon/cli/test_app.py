@@ -81,6 +81,7 @@ def test_run_refuses_a_bad_configuration(tmp_path: Path) -> None:
     code, output = _run("serve", "--config", str(tmp_path / "none.toml"))
     assert code == 2
     assert "check-config" in output
+    assert "REPROBE_CONFIG" in output, "nobody can correct a file that is not there"
 
 
 def test_a_start_that_cannot_be_says_why_and_what_to_do(station: Path, tmp_path: Path) -> None:

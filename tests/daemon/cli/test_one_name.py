@@ -240,3 +240,4 @@ def test_what_a_status_says_in_several_words_is_shown_and_not_called_none() -> N
     said = in_words({"tip": True, "made_at": {"map": "2026-01-31"}, "not_used": {}, "z_um": None})
     assert said == "tip yes, made at (map 2026-01-31), not used none, z um none"
     assert (in_words({}), in_words([]), in_words(None)) == ("none", "none", "none")
+    assert in_words({"run": 3, "stopped_by": ""}) == "run 3", "what is empty is no word"

@@ -6,7 +6,9 @@ import pytest
 from typer.testing import CliRunner
 
 from daemon.cli.app import app
-from daemon.cli.probe import si
+from daemon.cli.probe import si, told
+from daemon.domain.point_test import Limits, PointReading, PointRecord, PointVerdict, Rung
+from daemon.platform.clock import utc_now
 
 
 @pytest.mark.parametrize(
@@ -27,3 +29,26 @@ def test_limits_the_wrong_way_round_are_told_in_plain_words() -> None:
     told = CliRunner().invoke(app, ["probe", "TP7", "--low", "9", "--high", "5"])
     assert told.exit_code == 2
     assert "limits: low 9 is above high 5" in told.stderr
+
+
+@pytest.mark.parametrize(
+    ("limits", "wanted"),
+    [
+        (Limits(low=800.0, high=1200.0, unit="ohm"), "(wanted: 800 ohm to 1.2 kohm)"),
+        (Limits(high=5.0, unit="ohm"), "(wanted: at most 5 ohm)"),
+        (Limits(low=3.2, unit="V"), "(wanted: at least 3.2 V)"),
+    ],
+)
+def test_a_fail_names_the_limits_that_its_reading_did_not_keep(limits: Limits, wanted: str) -> None:
+    reading = PointReading(
+        rung=Rung.TOUCH, site_um=(0.0, 0.0), proof=True, pressed_um=200.0, force_n=0.48, value=0.184, unit=limits.unit
+    )
+    record = PointRecord(
+        point="J1.1", net="VCC", board_id=None, method="resistance", limits=limits, verdict=PointVerdict.FAIL,
+        touches=1, presses=2, looks=1, seconds=1.0, at=utc_now(), readings=(reading,),
+    )  # fmt: skip
+    first, *rest = told(record)
+    assert "1 touch, 2 presses, 1 look" in first
+    assert any(wanted in line for line in rest)
+    passed = record.model_copy(update={"verdict": PointVerdict.PASS_FIRST})
+    assert not any("wanted" in line for line in told(passed))
