@@ -72,7 +72,8 @@ class RunningCamera:
         self._statistics = CameraStatistics()
         self._trouble: str | None = None
         self._outage = False
-        self._last_crc: int | None = None
+        self._last_crc: dict[str, int] = {}
+        """Of the last picture that was decoded, and of the last that was only shown."""
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
 
@@ -303,9 +304,8 @@ class RunningCamera:
         if got is None or pixels is None:
             self._is_torn()
             return None
-        if self._is_frozen(pixels):
-            self._count(identical=1)
-            self._trouble = "camera is frozen: the same picture again and again"
+        # Noise is everywhere, so every eighth row tells as much as the whole, in an eighth of the time
+        if self._is_frozen("pixels", pixels[::8].tobytes()):
             return None
         self._trouble = None
         pixels.setflags(write=False)
@@ -319,13 +319,17 @@ class RunningCamera:
         return decode_jpeg(got.jpeg, self.config.width_px, self.config.height_px)
 
     def _shown(self, source: Source, grabbed: Grabbed) -> Shown | None:
-        """Return the picture for people to look at; None where it is torn."""
+        """Return the picture for people to look at; None where it is torn, or the one before once more."""
         got = source.retrieve()
         jpeg = shown_anywhere(got.jpeg) if got is not None and got.jpeg is not None else None
         pixels = self._decoded(got) if jpeg is None else None
-        if jpeg is None and pixels is None:
+        told = jpeg if pixels is None else pixels[::8].tobytes()
+        if told is None:
             self._is_torn()
             return None
+        if self._is_frozen("shown", told):
+            return None
+        self._trouble = None
         return Shown(grabbed.exposure_start_s, jpeg, pixels)
 
     def _is_torn(self) -> None:
@@ -350,12 +354,15 @@ class RunningCamera:
                 self._count(delivered=1)
                 wish.future.set_result(_as_shown(picture) if wish.shown else picture)
 
-    def _is_frozen(self, pixels: Pixels) -> bool:
-        if not self.config.refuse_identical:
+    def _is_frozen(self, kind: str, data: bytes) -> bool:
+        """Tell whether a picture is the one of its kind before once more, and count it then."""
+        last, now = self._last_crc.get(kind), zlib.crc32(data)
+        self._last_crc[kind] = now
+        if last != now or not self.config.refuse_identical:
             return False
-        # Noise is everywhere, so every eighth row tells as much as the whole, in an eighth of the time
-        last, self._last_crc = self._last_crc, zlib.crc32(pixels[::8].tobytes())
-        return last == self._last_crc
+        self._count(identical=1)
+        self._trouble = "camera is frozen: the same picture again and again"
+        return True
 
     def _note(self, exc: CameraError) -> None:
         """Log one error per outage, which lasts until a picture comes again; the rest is detail."""

@@ -55,6 +55,16 @@ async def test_a_picture_that_is_only_shown_is_not_decoded(
     assert (beside.jpeg, beside.jpeg in decoded) == (frame.jpeg, True)
 
 
+async def test_a_picture_of_a_frozen_camera_is_shown_once(world: World, v4l2: V4L2Camera, soon: Deadline) -> None:
+    world.frozen = True
+    await v4l2.shown_after(time.monotonic(), soon)
+    with pytest.raises(CameraTimeout, match="frozen"):
+        await v4l2.shown_after(time.monotonic(), Deadline.after(0.2))
+    world.frozen = False
+    assert (await v4l2.shown_after(time.monotonic(), soon)).jpeg is not None
+    assert v4l2.trouble is None
+
+
 async def test_a_torn_picture_is_shown_to_nobody_and_one_without_tables_is_decoded(
     world: World, v4l2: V4L2Camera, soon: Deadline, monkeypatch: pytest.MonkeyPatch
 ) -> None:
