@@ -205,9 +205,9 @@ class Dialogue:
 def _taken(said: str) -> str:
     """Return an answer that may be one; ValueError for what was pasted by mistake, or is no text."""
     if len(said) > LONGEST_ANSWER:
-        raise ValueError(f"that has {len(said)} letters, and an answer at most {LONGEST_ANSWER}: type it anew")
+        raise ValueError(f"that has {len(said)} letters, and an answer at most {LONGEST_ANSWER}: type it again")
     if any(0xD800 <= ord(letter) < 0xE000 or letter == "\0" for letter in said):
-        raise ValueError("that has bytes which are no text (UTF-8): type it anew")
+        raise ValueError("that has bytes which are no text (UTF-8): type it again")
     return said
 
 

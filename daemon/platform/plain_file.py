@@ -43,7 +43,7 @@ def as_text(content: bytes) -> str:
         raise ValueError(f"line {line} is not UTF-8 (byte {content[exc.start]:02x}h); save the file as UTF-8") from exc
     if "\0" in text:
         line = text.count("\n", 0, text.index("\0")) + 1
-        raise ValueError(f"line {line} has bytes of zero: the file is damaged; write it anew, or take a copy back")
+        raise ValueError(f"line {line} has bytes of zero: the file is damaged; write it again, or take a copy back")
     return text
 
 

@@ -74,6 +74,7 @@ class SurfaceSearch:
         free = await tip_px(sequence, await sequence.go(above))
         await refuse_closed_sense(sequence.job, sequence.context, seen_free=True)
         station.pressing(self._free_pin(above, free))
+        self._never_free_there = False
         try:
             push = await self._search(above, free)
         except Fault as first:

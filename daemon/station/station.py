@@ -156,7 +156,7 @@ class Station:
         """
         free = self.needle.free_pin
         if free is None and self.needle.blind:
-            free = self.needle.taught_free()  # each time anew: another needle may be taught meanwhile
+            free = self.needle.taught_free()  # asked each time: another needle may be taught meanwhile
         if free is not None and not _straight(await self.position(caller), target):
             await self._see_lifted(free, caller)
 

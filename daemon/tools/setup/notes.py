@@ -14,7 +14,7 @@ class Notes:
     """One set-up's notes, beside its configuration; written with each change. Methods raise OSError."""
 
     def __init__(self, path: Path) -> None:
-        """Read what is there; what cannot be read is begun anew, and `lost` says why.
+        """Read what is there; what cannot be read is as if it were not there, and `lost` says why.
 
         What another version of the program has noted beside stays, and is no reason to ask all again.
         """

@@ -355,7 +355,9 @@ class ScriptedStation(Station):
         return self._edited(LookResult(frame(len(self.searches)), None, position, tip, model.tip_px, cross=found))
 
     def _edited(self, seen: LookResult) -> LookResult:
-        return self.script.get(len(self.searches), lambda same: same)(self.always(seen))
+        edited = self.script.get(len(self.searches), lambda same: same)(self.always(seen))
+        self._searched(edited.tip)
+        return edited
 
 
 class World:

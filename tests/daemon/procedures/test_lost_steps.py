@@ -1,7 +1,4 @@
-"""A Z that stands lower than its drive counts: every job that goes somewhere sees it, and leaves no needle pressed.
-
-Here the scripted looks tell the needle what they showed, as those of the real station do.
-"""
+"""A Z that stands lower than its drive counts: every job that goes somewhere sees it, and leaves no needle pressed."""
 
 from __future__ import annotations
 
@@ -16,30 +13,13 @@ from daemon.procedures.registry import PROCEDURES
 from daemon.station.free_pin import FreePin
 from daemon.station.station import LookResult
 from tests.daemon.procedures import fake_station as fake
-from tests.daemon.procedures.fake_station import Ran, ScriptedStation, World, a_board, run
+from tests.daemon.procedures.fake_station import Ran, World, a_board, run
 from tests.daemon.procedures.test_align import WHOLE
 from vision import NotFound, Reason
 
 GRID = [(f"P{i}{k}", 5_000.0 + 7_000.0 * i, 4_000.0 + 6_500.0 * k) for i in range(4) for k in range(3)]
 SAFE_Z_UM = 12_000.0
 NO_NEEDLE = NotFound(Reason.NO_NEEDLE, "a busy ground")
-
-
-@pytest.fixture(autouse=True)
-def _as_in_the_daemon(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Have the scripted looks tell the needle what they showed, as the real station's do."""
-    for name in ("look", "look_white"):
-        plain = getattr(ScriptedStation, name)
-
-        def told(plain: Any) -> Any:
-            async def looked(self: Any, *a: Any, **k: Any) -> LookResult:
-                seen: LookResult = await plain(self, *a, **k)
-                self._searched(seen.tip)
-                return seen
-
-            return looked
-
-        monkeypatch.setattr(ScriptedStation, name, told(plain))
 
 
 def _world(folder: Path, board: Any = None) -> World:
@@ -193,7 +173,7 @@ async def test_a_tip_that_is_seen_again_lets_a_person_jog(world: World) -> None:
     assert (await _do(world, op="jog", axis="x", by_um=500.0)).got.outcome == "jogged"
 
 
-async def test_a_needle_that_was_taught_anew_is_judged_by_its_own_model(world: World) -> None:
+async def test_a_needle_that_was_taught_again_is_judged_by_its_own_model(world: World) -> None:
     world.put_tip(world.pad_um("P11"), z_um=SAFE_Z_UM)
     world.station.always = lambda look: replace(look, tip=NO_NEEDLE)
     job = fake.begin({"op": "lift"}).job
