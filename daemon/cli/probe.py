@@ -13,7 +13,8 @@ from daemon.cli.output import DEFAULT_ENDPOINT, USAGE, AsJson, Endpoint, answere
 from daemon.cli.probe_tester import probe_for_tester
 from daemon.cli.tester import ANSWER_WITHIN_S, BoardId, JobIdOption
 from daemon.client import Client
-from daemon.domain.point_test import PASSES, UNIT_OF_METHOD, Limits, PointRecord, PointVerdict
+from daemon.config.plan_units import parse_value
+from daemon.domain.point_test import PASSES, UNIT_OF_METHOD, Limits, PointRecord, PointUnit, PointVerdict
 from daemon.domain.results import JobResult
 
 app = typer.Typer()
@@ -30,8 +31,8 @@ def probe(
     method: Annotated[str, typer.Option(help="contact, continuity, resistance, fres, voltage, diode, capacitance.")] = (
         "continuity"
     ),
-    low: Annotated[float | None, typer.Option(help="Lowest value that passes.")] = None,
-    high: Annotated[float | None, typer.Option(help="Highest value that passes.")] = None,
+    low: Annotated[str | None, typer.Option(help='Lowest value that passes: 800, or "0.8 kohm".')] = None,
+    high: Annotated[str | None, typer.Option(help="Highest value that passes.")] = None,
     unit: Annotated[str | None, typer.Option(help="Of the limits: ohm, V or F; the method's own by default.")] = None,
     theta: Annotated[float | None, typer.Option(help="Head angle, degrees; any that reaches it by default.")] = None,
     look_first: Annotated[bool, typer.Option("--look-first", help="Look before the first touch.")] = False,
@@ -58,7 +59,7 @@ def probe(
     fields: dict[str, Any] = {
         "test_point": test_point, "net": net, "method": method, "theta_deg": theta, "touches": touches,
         "board_id": board_id, "look": "first" if look_first else None, "deadline_ms": timeout_s * 1e3,
-        "limits": _limits(method, low, high, unit),
+        "limits": limits_of(method, low, high, unit),
     }  # fmt: skip
     given = {name: value for name, value in fields.items() if value is not None}
     by_tester = measure == "tester"
@@ -84,19 +85,34 @@ def _answer(
         raise typer.Exit(NOT_KNOWN) from None
 
 
-def _limits(method: str, low: float | None, high: float | None, unit: str | None) -> dict[str, Any] | None:
+def limits_of(method: str, low: str | None, high: str | None, unit: str | None) -> dict[str, Any] | None:
     """Return the limits as the wire has them; None where none are given."""
     if low is None and high is None:
         return None
     own = next(of for name, of in UNIT_OF_METHOD.items() if name == method)
+    if own is None:
+        fail(f"{method} measures no value, so it has no limits", advice="leave --low and --high out", code=USAGE)
+    ends = {name: _limit(name, text, own) for name, text in (("low", low), ("high", high)) if text is not None}
     try:
-        limits = Limits.model_validate({"low": low, "high": high, "unit": unit or own})
+        limits = Limits.model_validate({**ends, "unit": unit or own})
     except ValidationError as exc:
         what = exc.errors(include_input=False)[0]["msg"].removeprefix("Value error, ")
         fail(f"limits: {what}", advice="low at most high, and unit ohm, V or F", code=USAGE)
     if limits.unit != own:
         fail(f"{method} is measured in {own}, and the limits are in {limits.unit}", code=USAGE)
     return limits.model_dump(exclude_none=True)
+
+
+def _limit(name: str, text: str, own: PointUnit) -> float:
+    """Return a limit's value; a number without a unit is in that of `--unit`, or in the method's own."""
+    try:
+        return float(text)
+    except ValueError:
+        pass
+    try:
+        return parse_value(text, own)
+    except ValueError as exc:
+        fail(f"--{name}: {exc}", code=USAGE)
 
 
 def _show(result: JobResult, *, as_json: bool) -> None:

@@ -44,13 +44,13 @@ class Dialogue:
         self._given: list[str] | None = None
         """Answers in the form under way; None: there is none, and nothing to go back in."""
         self._again: list[str] = []
-        """Answers that are given once more without being asked for."""
+        """Answers that are given once more, without being asked for or shown: the person saw them."""
         self._found: dict[str, Any] = {}
         """What a form under way has found out; who goes back in it need not wait for that twice."""
         self._can_leave = self._told_back = False
 
     def fill_in(self, form: Callable[[], None], *, back: bool = True) -> None:
-        """Have a form's questions answered; who goes back by one sees the answers before it, and is asked that one.
+        """Have a form's questions answered; who goes back by one is asked that one, and keeps the answers before it.
 
         The form begins again for that, so it may do nothing that must not be done twice. From the first question
         `Back` is raised, if `back`: there is a step before.
@@ -78,7 +78,9 @@ class Dialogue:
         return found
 
     def say(self, text: str) -> None:
-        """Print a text as it is."""
+        """Print a text as it is; what was said before an answer that is given once more is not said twice."""
+        if self._again:
+            return
         out.print(text, markup=False, highlight=False, soft_wrap=True)
 
     def ask(
@@ -176,9 +178,7 @@ class Dialogue:
     def _answer(self, question: str) -> str:
         """Return the next answer of a form; raise `Back` where the person goes back instead."""
         if self._again:
-            said = self._again.pop(0)
-            self.say(f"{question}{said}")
-            return said
+            return self._again.pop(0)
         can_go_back = self._given is not None and (self._can_leave or bool(self._given))
         if can_go_back and not self._told_back:
             self.say(f"({BACK} as an answer goes back to the question before.)")

@@ -66,7 +66,8 @@ def _teach(picture: Pixels, click: tuple[float, float], annotated: Path | None) 
         if annotated is not None:
             write_picture(annotated, draw_untaught(picture, click, str(exc)))
         shown = f"see {annotated}" if annotated is not None else "add --annotated teach.png to see where it was looked"
-        fail(f"not taught: {exc}", advice=shown)
+        plain = "; if the click was right, take the picture where nothing bright lies below the needle"
+        fail(f"not taught: {exc}", advice=shown + plain)
 
 
 def _off_px(again: Tip | NotFound, model: ProbeModel) -> float:

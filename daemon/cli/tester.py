@@ -6,7 +6,6 @@ from typing import Annotated, Any, Literal
 
 import typer
 from rich.markup import escape
-from rich.table import Table
 
 from daemon.cli.formatting import as_commands, calibrated, doubts, in_words, sentence
 from daemon.cli.output import DEFAULT_ENDPOINT, USAGE, AsJson, Endpoint, answered, err, fail, out, say_cure, say_json
@@ -149,10 +148,11 @@ def show(result: JobResult, *, as_json: bool) -> None:
 
 
 def _print_timing(result: JobResult) -> None:
-    table = Table("state", *(columns := ("motion", "bus", "light", "exposure", "software", "total")), title="ms")
-    for state, row in result.timing_ms.items():
-        table.add_row(state, *(f"{row.get(c, 0.0):.1f}" for c in columns))
-    out.print(table)
+    """Say how long it took, and in which states; `--json` has where each of them spent it."""
+    spent = {state: row.get("total", 0.0) / 1e3 for state, row in result.timing_ms.items()}
+    if spent:
+        parts = ", ".join(f"{state} {seconds:.2f}" for state, seconds in spent.items())
+        out.print(f"[dim]took {sum(spent.values()):.2f} s: {parts}[/]", highlight=False, soft_wrap=True)
 
 
 def ask(op: str, endpoint: str, *, as_json: bool, **fields: Any) -> None:

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from tests.bench.faults import campaign, judge, matrix
+from tests.bench.faults import campaign, fuzz, judge, matrix
 from tests.bench.faults.__main__ import arguments
 from tests.bench.faults.campaign import PARTS, Plan
 from tests.bench.faults.messages import messages
@@ -160,6 +160,17 @@ def test_the_truth_log_tells_where_the_station_stopped_and_when_it_slipped_by_it
     assert stops[0] == Truth(t_s=1.0, x_um=1.0, y_um=2.0, z_um=3.0, theta_deg=4.0, pressed_um=5.0)
 
 
+def test_a_needle_that_is_let_down_by_small_steps_was_sent_there_once_and_one_that_comes_down_again_twice() -> None:
+    def stops(*heights_um: float) -> list[Truth]:
+        return [Truth(float(n), 10.0, 20.0, z_um, 60.0, 0.0) for n, z_um in enumerate(heights_um)]
+
+    steps = [12_000.0 - 450.0 * n for n in range(15)]
+    assert steps[-1] < judge.LOW_UM
+    assert judge.arrivals((10.0, 20.0), stops(12_000.0, 5_200.0, *steps)) == 1
+    assert judge.arrivals((10.0, 20.0), stops(12_000.0, 5_200.0, 12_000.0, 5_200.0)) == 2
+    assert judge.arrivals((10.0, 20.0), stops(12_000.0, 5_200.0, 7_100.0, 5_200.0)) == 2
+
+
 def test_the_campaign_has_its_full_size_and_every_row_of_the_matrix_once() -> None:
     asked = arguments([])
     assert [getattr(asked, part) for part in PARTS] == [200, 50, 30, 20, 12, 6, 8, 256, 100_000]
@@ -171,12 +182,35 @@ def test_the_campaign_has_its_full_size_and_every_row_of_the_matrix_once() -> No
 def test_the_stations_share_all_items_and_one_item_can_be_repeated_alone() -> None:
     counts = dict.fromkeys(PARTS, 0) | {"kills": 5, "resets": 2, "rows": 9, "messages": 4_000}
     plan = Plan(1, counts, stations=3, workers=1, speed=5.0)
-    shares = [item for number in range(3) for item in plan.share(number)]
+    shares = [*plan.anybodys(), *(item for number in range(3) for item in plan.share(number))]
     assert len(shares) == len(set(shares)) == 5 + 2 + 9 + 2
     again = plan.repeat(Violation("lost", "rows:4", "x"))
     assert again.endswith("--only rows:4")
     only = replace(plan, only="rows:4")
     assert [only.share(number) for number in range(3)] == [[], [("rows", 4)], []]
+    assert only.anybodys() == []
+
+
+def test_what_any_station_may_do_is_done_once_by_whoever_comes_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One of two stations is held up at its first item until all else is done; items are doubles."""
+    done, rest = [], threading.Event()
+    expected = 2 + 10
+
+    def item(_plan: Plan, _station: object, part: str, n: int) -> None:
+        if (part, n) == ("kills", 0):
+            assert rest.wait(60.0)
+        done.append((part, n))
+        if len(done) == expected - 1:
+            rest.set()
+
+    monkeypatch.setattr(
+        campaign, "running_station", lambda *_: nullcontext(SimpleNamespace(violations=[], ledger=Ledger()))
+    )
+    monkeypatch.setattr(campaign, "_item", item)
+    counts = dict.fromkeys(PARTS, 0) | {"kills": 2, "messages": 10 * fuzz.BATCH}
+    tally = campaign.run(Plan(1, counts, stations=2, workers=2, speed=5.0), lambda _text: None)
+    assert len(done) == len(set(done)) == expected
+    assert tally.done == {"kills": 2, "messages": 10}
 
 
 def test_a_campaign_that_is_ended_tells_what_it_did_and_is_not_good(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -88,6 +88,28 @@ def _show(tab: Any, screen: str, fault: str) -> None:
     )
 
 
+SMALL = """() => [...document.querySelectorAll('main p')].filter(node => node.textContent && node.offsetParent)
+  .map(node => [node.textContent, parseFloat(getComputedStyle(node).fontSize)]).filter(([, px]) => px * 0.7 < 43)"""
+"""1080 lines on 60 cm of height: 24 mm, which is an arc of 16' at five metres, are 43 lines."""
+
+
+@pytest.mark.parametrize("locale", ["en-GB", "de-DE"])
+def test_alerts_too_are_read_from_five_metres_and_leave_the_verdict_its_room(
+    station: PlayedStation, page: PageProcess, locale: str
+) -> None:
+    tab = page.tab("Lee", viewport={"width": 1920, "height": 1080}, locale=locale)
+    said = tab.evaluate("async lang => await (await fetch(`/words/${lang}.json`)).json()", locale[:2])
+    names = [key.removeprefix("watch.") for key in said if key.startswith("watch.")]
+    longest = sorted(names, key=lambda name: len(said[f"watch.{name}"]))[-3:]
+    _bring(station, FaultCode.LIGHT_FAILED, tuple(longest), "dark")
+    _show(tab, "wall", FaultCode.LIGHT_FAILED.wire_name)
+    tab.locator(".wall-alert").nth(1).wait_for()
+    assert "3" in tab.locator(".wall-count").inner_text()
+    assert tab.evaluate(SMALL) == []
+    assert tab.evaluate(CUT) == []
+    assert tab.evaluate("() => document.querySelector('main').scrollHeight <= innerHeight")
+
+
 @pytest.mark.parametrize("locale", ["en-GB", "de-DE"])
 def test_the_last_results_are_said_whole_on_a_telephone(station: PlayedStation, page: PageProcess, locale: str) -> None:
     """A look has an error before and none after; a calibration's name is the widest."""

@@ -409,6 +409,17 @@ def test_a_shell_holds_the_needle_down_by_one_command_and_lifts_it_by_another(ri
         assert command.wait(EVENTUALLY_S) == 0
 
 
+def test_a_person_who_lifts_reads_what_was_noted(rig: Rig, client: Client) -> None:
+    _over(client)
+    with _holding(rig) as command:
+        lifted = _reprobe("lift", "--verdict", "fail", "--value", "42", "--unit", "ohm", "--endpoint", rig.control)
+        out, _ = lifted.communicate(timeout=EVENTUALLY_S)
+        assert lifted.returncode == 0, out
+        assert out.splitlines()[-1] == "noted: fail 42.0 ohm"
+        assert "\ntook " in out
+        assert command.wait(EVENTUALLY_S) == 0
+
+
 def test_a_command_that_is_told_to_end_lifts_first(rig: Rig, client: Client) -> None:
     _over(client)
     with _holding(rig) as command:

@@ -144,7 +144,7 @@ export function open(box, app) {
   /** @param {boolean} fresh @param {boolean} idle @param {any} end */
   function result(fresh, idle, end) {
     const out = [el("h2", {}, t("teach.touches", { n: touches.length, of: TOUCHES }))]
-    if (end) out.push(el("p", { class: end.ok ? "what" : "what said", id: "taught" }, end.ok ? t("teach.taught") : `${cause(end.error)}. ${cure(end.error)}`))
+    if (end) out.push(el("p", { class: end.ok ? "what" : "what said", id: "taught" }, end.ok ? t("teach.taught") : refused(end.error)))
     if (!job) return [...out, el("p", { class: "quiet" }, t("teach.no_picture"))]
     if (touches.length) {
       const { middle, worst, sigma } = scatter(touches)
@@ -184,3 +184,7 @@ function plot(touches, middle) {
     ...touches.map(([x, y]) => svg("circle", { cx: Math.max(-2.9, Math.min(2.9, x - middle[0])), cy: Math.max(-2.9, Math.min(2.9, y - middle[1])), r: 0.12, class: "touch" })))
   return root
 }
+
+/** Why a tip was not taught. A bright pad below the needle hides its end: that is no fault of the person who touched.
+ * @param {any} error */
+const refused = (error) => `${cause(error)}. ${error.name === "calibration_failed" ? t("teach.refused") : cure(error)}`

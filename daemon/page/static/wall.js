@@ -7,6 +7,8 @@ import { get } from "./ask.js"
 import { KIND_OF_VERDICT, kindOf, markOf } from "./verdict.js"
 import { cause, clock, t, tOr, watchWords } from "./words.js"
 
+/** More would leave no room for the verdict; their number is said. */
+const MOST_ALERTS = 2
 /** Letters that fit into one line at full size. */
 const LONG = 12
 
@@ -33,7 +35,7 @@ export function open(box) {
     show(parts.verdict, [last?.id, run, running, done.verdict, station.point?.at, live, app.language], () => (running || done.verdict ? ofRun(run, running, done.verdict, station) : ofJob(last)))
     const alerts = station.alerts ?? []
     show(parts.alerts, [alerts, live, app.language], () => alerts.length
-      ? [el("p", { class: "wall-count" }, t("alerts.count", { n: alerts.length })), ...alerts.slice(0, 3).map((/** @type {any} */ one) =>
+      ? [el("p", { class: "wall-count" }, t("alerts.count", { n: alerts.length })), ...alerts.slice(0, MOST_ALERTS).map((/** @type {any} */ one) =>
           el("p", { class: `wall-alert ${one.severity}` }, `${one.severity === "serious" ? "\u25A0" : "\u25B2"} ${watchWords(one).what}`))]
       : [el("p", { class: "wall-count" }, t("alerts.none"))])
   }

@@ -38,7 +38,11 @@ async def _teach_tip(job: JobContext, context: StationContext, request: Calibrat
     try:
         model = await asyncio.to_thread(ProbeModel.teach, frame.pixels, tip_px=request.tip_px)
     except ValueError as exc:
-        raise Fault(FaultCode.CALIBRATION_FAILED, f"the tip cannot be taught: {exc}") from exc
+        advice = (
+            "do what the message says; if the click was right, take the picture again where nothing bright lies below "
+            "the needle, as after `home`, and teach it there"
+        )
+        raise Fault(FaultCode.CALIBRATION_FAILED, f"the tip cannot be taught: {exc}", advice=advice) from exc
     kept = await keep_probe(job, context, model)
     context.station.needle.health = NeedleHealth()  # what the reference pad said was of the needle before
     return Outcome("calibrated", detail={"what": "tip", "tip_px": list(request.tip_px)} | kept)

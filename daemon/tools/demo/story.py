@@ -125,7 +125,8 @@ class Story:
         seconds = [
             one.record.seconds * speed for one in self.points if one.record.verdict is not PointVerdict.NOT_TESTED
         ]
-        parts += [f"{sum(seconds) / len(seconds):.1f} s a point"] if seconds else []
+        whose = " by the station's clock" if speed != 1.0 else ""
+        parts += [f"{sum(seconds) / len(seconds):.1f} s a point{whose}"] if seconds else []
         return ", ".join(parts)
 
 

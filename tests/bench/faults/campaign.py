@@ -6,9 +6,10 @@ import random
 import tempfile
 import threading
 import traceback
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -32,8 +33,11 @@ PLAIN: dict[str, Callable[[Station, random.Random], None]] = {
     "peers": half_open.one, "calibrations": calibrations.one,
 }  # fmt: skip
 """Parts whose items are told apart by their dice alone."""
-PARTS = (*PLAIN, "rows", "messages")
+OWN = (*PLAIN, "rows")
 """In this order: after the rows the axes need not stand where they count."""
+PARTS = (*OWN, "messages")
+Item = tuple[str, int]
+"""Part and number."""
 
 
 @dataclass(frozen=True)
@@ -52,10 +56,17 @@ class Plan:
         """Return how many items a part has; messages go by batches."""
         return -(-self.counts[part] // fuzz.BATCH) if part == "messages" else self.counts[part]
 
-    def share(self, number: int) -> list[tuple[str, int]]:
-        """Return what one station does: part and number of each item."""
-        mine = [(part, n) for part in PARTS for n in range(self.items(part)) if n % self.stations == number]
-        return [item for item in mine if self.only in (None, f"{item[0]}:{item[1]}")]
+    def share(self, number: int) -> list[Item]:
+        """Return what only one station does: part and number of each item."""
+        mine = [(part, n) for part in OWN for n in range(self.items(part)) if n % self.stations == number]
+        return [item for item in mine if self.wants(item)]
+
+    def anybodys(self) -> list[Item]:
+        """Return what whoever is done with its share does: it is the same at any station."""
+        return [("messages", n) for n in range(self.items("messages")) if self.wants(("messages", n))]
+
+    def wants(self, item: Item) -> bool:
+        return self.only in (None, f"{item[0]}:{item[1]}")
 
     def repeat(self, violation: Violation) -> str:
         """Return the command that does the same item again."""
@@ -76,42 +87,55 @@ class Tally:
 def run(plan: Plan, say: Callable[[str], None], enough: threading.Event | None = None) -> Tally:
     """Run all stations; return what was done and found. `enough`: once set, each ends after the item it is at."""
     enough = enough or threading.Event()
-    tally = Tally()
+    tally, common = Tally(), deque(plan.anybodys())
     with ThreadPoolExecutor(plan.workers) as pool:
-        for part in pool.map(lambda number: _station(plan, number, say, enough), range(plan.stations)):
+        for part in pool.map(lambda number: _station(plan, number, common, say, enough), range(plan.stations)):
             tally.done += part.done
             tally.accepted += part.accepted
             tally.violations += part.violations
     return tally
 
 
-def _station(plan: Plan, number: int, say: Callable[[str], None], enough: threading.Event) -> Tally:
-    """Run one station's share; a station that cannot go on is replaced by another of the same seed."""
-    tally, share = Tally(), plan.share(number)
-    while share and not enough.is_set():
-        at_start = len(share)
+def _station(
+    plan: Plan, number: int, common: deque[Item], say: Callable[[str], None], enough: threading.Event
+) -> Tally:
+    """Run one station's share, then what is left of the common one, of which others take too.
+
+    A station that cannot go on is replaced by another of the same seed.
+    """
+    tally, share = Tally(), deque(plan.share(number))
+    while (share or common) and not enough.is_set():
+        begun = False
         station: Station | None = None
         try:
             with (
                 tempfile.TemporaryDirectory() as out,
                 running_station(Path(out), plan.seed + number, plan.speed, plan.program) as station,
             ):
-                while share and not enough.is_set():
-                    part, n = share.pop(0)
+                while not enough.is_set() and (item := _next(share, common)):
+                    begun, (part, n) = True, item
                     _item(plan, station, part, n)
                     tally.done[part] += 1
                     say(f"{part}:{n}")
         except Exception as exc:  # noqa: BLE001  # whatever ends an item is what is looked for
-            item = station.item if station else "all"
+            at = station.item if station else "all"
             where = traceback.extract_tb(exc.__traceback__)[-1].name
-            tally.violations.append(Violation("other", item, f"{type(exc).__name__} in {where}: {exc}"))
-            say(f"{item} ended: {exc}")
-            if len(share) == at_start:
+            tally.violations.append(Violation("other", at, f"{type(exc).__name__} in {where}: {exc}"))
+            say(f"{at} ended: {exc}")
+            if not begun:
                 break
         if station:
             tally.violations += station.violations
             tally.accepted += sum(job.accepted for job in station.ledger.jobs())
     return tally
+
+
+def _next(share: deque[Item], common: deque[Item]) -> Item | None:
+    """Take the next item; None where nothing is left."""
+    for items in (share, common):
+        with suppress(IndexError):  # another station may have taken the last of the common ones
+            return items.popleft()
+    return None
 
 
 def _item(plan: Plan, station: Station, part: str, n: int) -> None:

@@ -16,6 +16,8 @@ ONE_PRESS_S = 0.2
 LIT, LIT_AFTER_S = 0.05, 1.0
 ARRIVED_UM, LOW_UM = 120.0, 7000.0
 """A stop so near to a place, and so low, is an arrival there: places are 400 um apart, travel is at 12,000 um."""
+GENTLE_UM = 500.0
+"""A job that is done a second time comes down by several mm at a stroke."""
 DARK_FAULTS = ("not_homed", "needle_down")
 """Faults of a start: nothing speaks against switching the lamps off."""
 
@@ -47,12 +49,17 @@ def contradictory(jobs: Sequence[Job]) -> list[Violation]:
 
 
 def arrivals(place: tuple[float, float], stops: Sequence[Truth]) -> int:
-    """Count how often the needle came down at a place, robot frame: stops there one after the other are one."""
-    count, there = 0, False
+    """Count how often the needle came down at a place, robot frame: stops there one after the other are one.
+
+    One that is let down there by small steps, for no look had shown it low down, was sent there no second time.
+    """
+    count, there, above_um = 0, False, math.inf
     for stop in stops:
-        is_there = stop.z_um < LOW_UM and math.dist((stop.x_um, stop.y_um), place) <= ARRIVED_UM
-        count += is_there and not there
-        there = is_there
+        is_beside = math.dist((stop.x_um, stop.y_um), place) <= ARRIVED_UM
+        is_there = is_beside and stop.z_um < LOW_UM
+        let_down = 0.0 <= above_um - stop.z_um <= GENTLE_UM
+        count += is_there and not there and not let_down
+        there, above_um = is_there, stop.z_um if is_beside else math.inf
     return count
 
 

@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from daemon.cli.app import app
-from daemon.cli.probe import si, told
+from daemon.cli.probe import limits_of, si, told
 from daemon.domain.point_test import Limits, PointReading, PointRecord, PointVerdict, Rung
 from daemon.platform.clock import utc_now
 
@@ -29,6 +29,32 @@ def test_limits_the_wrong_way_round_are_told_in_plain_words() -> None:
     told = CliRunner().invoke(app, ["probe", "TP7", "--low", "9", "--high", "5"])
     assert told.exit_code == 2
     assert "limits: low 9 is above high 5" in told.stderr
+
+
+@pytest.mark.parametrize(
+    ("limit", "said"),
+    [
+        ("5 V", "--high: '5 V' is in V, and ohm is measured here"),
+        ("5 ohn", "--high: '5 ohn': 'ohn' is no unit"),
+        ("five", "--high: 'five' is no value"),
+        ("nan", "limits:"),
+    ],
+)
+def test_a_limit_that_is_no_value_of_the_method_is_told_in_plain_words(limit: str, said: str) -> None:
+    told = CliRunner().invoke(app, ["probe", "TP7", "--method", "resistance", "--high", limit])
+    assert told.exit_code == 2
+    assert said in " ".join(told.stderr.split())
+
+
+def test_a_method_without_a_value_has_no_limits() -> None:
+    told = CliRunner().invoke(app, ["probe", "TP7", "--method", "insert", "--measure", "tester", "--high", "5"])
+    assert told.exit_code == 2
+    assert "insert measures no value" in told.stderr
+
+
+@pytest.mark.parametrize(("high", "value"), [("5 ohm", 5.0), ("5", 5.0), ("1.2 kohm", 1200.0), ("1.2kohm", 1200.0)])
+def test_a_limit_is_given_with_its_unit_as_in_a_plan_or_as_a_number(high: str, value: float) -> None:
+    assert limits_of("resistance", None, high, None) == {"high": pytest.approx(value), "unit": "ohm"}
 
 
 @pytest.mark.parametrize(

@@ -60,7 +60,7 @@ def test_a_slip_in_the_mechanics_is_gone_back_to_and_what_came_before_it_stays(t
     written, said = _only(tmp_path / "station.toml", "mechanics", *x_axis, *[""] * 40)
     axis = written["axes"]["x"]
     assert (axis["maximum"], axis["homing_position"], axis["homing_method"]) == (300_000.0, 298_000.0, 21)
-    assert said.count("travel with one turn of the motor, mm") == 3 + 1, "what was answered is shown once more"
+    assert said.count("travel with one turn of the motor, mm") == 3, "what was answered is not shown again"
     assert "< as an answer goes back" in said
 
 
@@ -139,6 +139,17 @@ def test_the_line_is_asked_once_while_addresses_are_gone_back_over(
     assert len(asked) == 1
     _only(tmp_path / "station.toml", "drives", "127.0.0.1:502", *[""] * 5)
     assert len(asked) == 2, "who comes again may have plugged in another"
+
+
+def test_who_goes_back_sees_the_one_question_again_and_not_all_before_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    board = [str(ROOT / "sim_hw" / "demo_board"), "top", "y", "60", "<", "70", "40"]
+    said = _walk(monkeypatch, tmp_path / "station.toml", "board", answers=board)
+    times = [
+        said.count(one) for one in ("Board file, or", "Side that is probed", "Is the board bare", "X of the board")
+    ]
+    assert times == [1, 1, 1, 2], said
 
 
 @pytest.mark.parametrize(("names", "hinted"), [(("check",), False), (("camera",), False), (("name", "check"), True)])

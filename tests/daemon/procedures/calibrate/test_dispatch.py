@@ -87,6 +87,7 @@ async def test_a_frame_in_which_no_needle_is_seen_teaches_nothing(world: World) 
         await run(world, PROCEDURES["calibrate"], TEACH)
     assert caught.value.kind is FaultCode.CALIBRATION_FAILED
     assert caught.value.message.startswith("the tip cannot be taught: ")
+    assert "nothing bright lies below the needle" in caught.value.advice
     assert world.calibrations.require_probe().tip_px == probe_model().tip_px
 
 

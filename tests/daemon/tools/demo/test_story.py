@@ -152,7 +152,8 @@ def test_touches_that_nobody_recorded_or_the_log_has_not_are_odd(missing: int) -
 
 def test_the_time_a_point_is_the_stations() -> None:
     record = _record("A", PointVerdict.PASS_FIRST).model_copy(update={"seconds": 0.5})
-    assert _judged([record], [_on("A")]).sentence(2.0).endswith("1.0 s a point")
+    assert _judged([record], [_on("A")]).sentence(2.0).endswith("1.0 s a point by the station's clock")
+    assert _judged([record], [_on("A")]).sentence(1.0).endswith("0.5 s a point")
 
 
 def test_a_reading_is_no_stroke_of_another_point() -> None:
