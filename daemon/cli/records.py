@@ -84,13 +84,22 @@ def records(
     if lost := reply["lost"]:
         out.print(f"[yellow]trimmed[/]: {lost['from_seq']} to {lost['to_seq']}", highlight=False)
     for one in reply["records"]:
-        what = "gone" if one["body"] is None else in_words(one["body"])
+        what = "gone" if one["body"] is None else record_in_words(one["kind"], one["body"])
         line = f"{one['seq']:>8}  {(one['at'] or '')[:19]:19}  {one['kind']:<11}  {what}"
         out.print(escape(line), highlight=False, no_wrap=True, overflow="ellipsis", crop=True)
     more = reply.get("through_seq", reply["next_seq"]) + 1
     following = f", more: --since {more} --journal {reply['journal']}" if more < reply["next_seq"] else ""
     kept = f"journal {reply['journal']}, kept from {reply['oldest_seq']} on{following}"
     out.print(f"[dim]{escape(kept)}[/]", highlight=False, soft_wrap=True)
+
+
+def record_in_words(kind: str, body: dict[str, Any]) -> str:
+    """Return what a record says; of an order, which is kept when it is taken and when it has ended, that first."""
+    if kind == "order":
+        body = {"op": body.get("op"), "outcome": body.get("outcome") or "taken"} | {
+            name: said for name, said in body.items() if name not in ("op", "outcome")
+        }
+    return in_words(body)
 
 
 @app.command()

@@ -208,9 +208,11 @@ def test_what_any_station_may_do_is_done_once_by_whoever_comes_first(monkeypatch
     )
     monkeypatch.setattr(campaign, "_item", item)
     counts = dict.fromkeys(PARTS, 0) | {"kills": 2, "messages": 10 * fuzz.BATCH}
-    tally = campaign.run(Plan(1, counts, stations=2, workers=2, speed=5.0), lambda _text: None)
+    plan = Plan(1, counts, stations=2, workers=2, speed=5.0)
+    tally = campaign.run(plan, lambda _text: None)
     assert len(done) == len(set(done)) == expected
     assert tally.done == {"kills": 2, "messages": 10}
+    assert complete(plan, tally)
 
 
 def test_a_campaign_that_is_ended_tells_what_it_did_and_is_not_good(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -20,6 +20,7 @@ from daemon.cli.command_tree import commands_of
 from daemon.cli.formatting import as_commands, gist, in_words
 from daemon.cli.last_resort import UNFORESEEN, with_words
 from daemon.cli.on_demand import whole
+from daemon.cli.records import record_in_words
 from daemon.domain.errors import FaultCode
 from daemon.platform.clock import utc_now
 from daemon.wire.operations.table import OPERATIONS
@@ -241,3 +242,10 @@ def test_what_a_status_says_in_several_words_is_shown_and_not_called_none() -> N
     assert said == "tip yes, made at (map 2026-01-31), not used none, z um none"
     assert (in_words({}), in_words([]), in_words(None)) == ("none", "none", "none")
     assert in_words({"run": 3, "stopped_by": ""}) == "run 3", "what is empty is no word"
+
+
+def test_an_order_that_is_kept_twice_says_first_what_became_of_it() -> None:
+    order = {"n": 7, "client": "kim", "role": "operate", "by": "Kim", "op": "home", "outcome": None}
+    assert record_in_words("order", order).startswith("op home, outcome taken, n 7")
+    assert record_in_words("order", order | {"outcome": "homed"}).startswith("op home, outcome homed, n 7")
+    assert record_in_words("touch", {"n": 7, "op": "x"}) == "n 7, op x"
