@@ -21,6 +21,7 @@ from vision.tip.outline import RoughOutline, rough_probe
 from vision.tip.shade import dim_side, taught_shade_px
 from vision.tip.silhouette import Silhouette, caliper_rows
 from vision.tip.strip import ProbeShape, ProbeStrip, across_slope, straighten, upper_median
+from vision.tip.width import check_width
 
 AXIS_HINT_RAD = float(np.arctan2(232.0, 119.0))
 """The probe comes into view from the upper left; teaching looks this far to either side of that direction."""
@@ -183,6 +184,7 @@ def _conclude(
         )
     check_end(longer, along, float(np.mean(outline.half_px[-END_ROWS:])), rough.rim2_u_px)
     rim1_u, rim2_u, form = _rims(strip, rough, outline)
+    check_width(strip, max(outline.rim_half_px(rim1_u), outline.rim_half_px(rim2_u)), rim1_u, rim2_u)
     metal, dark = marking_levels(strip, (0.0, 0.0), rim1_u, rim2_u)
     shape, outline = _sizes(outline, along, rim1_u, rim2_u)
     if not shape.tapers:

@@ -68,6 +68,18 @@ def test_a_click_before_the_end_of_a_blunt_needle_is_refused() -> None:
         ProbeModel.teach(picture.frame, before)
 
 
+@pytest.mark.parametrize(
+    ("head", "beside_px"), [("round_thick", 10), ("round_thick", 12), ("round_thick", 14), ("serrated", 10)]
+)
+def test_a_click_on_the_streak_of_light_of_a_wide_needle_teaches_no_narrow_one(head: str, beside_px: int) -> None:
+    picture = golden(kit=head)
+    assert picture.tip_px is not None
+    turn = np.radians(picture.angle_deg)
+    beside = picture.tip_px[0] - beside_px * np.sin(turn), picture.tip_px[1] + beside_px * np.cos(turn)
+    with pytest.raises(ValueError, match="the needle is wider than what was taken for it"):
+        ProbeModel.teach(picture.frame, beside)
+
+
 @pytest.mark.parametrize("defect", ["no_needle", "no_marking", "turned", "other_needle"])
 def test_a_blunt_needle_that_is_not_as_taught_gives_no_tip(defect: str) -> None:
     for seed in range(4):
