@@ -13,7 +13,7 @@ import numpy as np
 from vision.tip.strip import ProbeStrip
 
 BESIDE_PX: Final = (3, 10)
-"""The columns looked at begin and end so far outside of the outline: beyond its blur, on the rest of a streak's needle."""
+"""The columns looked at begin and end so far outside of the outline: beyond its blur, but still on a wide needle."""
 RIM_PX: Final = (4, 12)
 """Rows on either side of a rim: beyond its blur, and its bow."""
 STEP_SHARE, LEAST_STEP_LEVELS = 0.25, 4.0

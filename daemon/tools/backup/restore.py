@@ -22,8 +22,8 @@ from daemon.config.model import Config, ConfigError, load_config
 from daemon.platform.atomic_file import flush_folder, make_folder, replace_whole
 from daemon.platform.instance_lock import alone
 from daemon.storage import alignment_void, unfinished_restore
-from daemon.storage.journal import NEXT_SEQ
 from daemon.storage.journal_schema import SCHEMA_VERSION, salvaged_seq
+from daemon.storage.journal_writer import NEXT_SEQ
 from daemon.storage.pinned_state import PinnedState
 from daemon.tools.backup.archive import (
     BOARD,

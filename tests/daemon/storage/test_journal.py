@@ -14,8 +14,9 @@ import pytest
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.results import JobResult
 from daemon.platform.clock import utc_now
-from daemon.storage.journal import SEQ_BLOCK, Journal
+from daemon.storage.journal import Journal
 from daemon.storage.journal_schema import BASE_TABLES, SCHEMA_VERSION, UPGRADES
+from daemon.storage.journal_writer import SEQ_BLOCK
 
 
 def _result(journal: Journal, job_id: str) -> JobResult:
@@ -272,8 +273,8 @@ async def test_alerts_stand_until_they_are_taken_away(tmp_path: Path) -> None:
 async def test_the_journal_keeps_to_its_bounds_and_forgets_no_touch(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("daemon.storage.journal.REPORTS_KEPT", 10)
-    monkeypatch.setattr("daemon.storage.journal.JOBS_KEPT", 5)
+    monkeypatch.setattr("daemon.storage.journal_bounds.REPORTS_KEPT", 10)
+    monkeypatch.setattr("daemon.storage.journal_bounds.JOBS_KEPT", 5)
     journal = await Journal.open(tmp_path / "j.sqlite")
     await journal.reserve_seqs()
     for k in range(20):
@@ -333,7 +334,7 @@ async def test_what_came_of_a_touch_is_kept_as_it_becomes_known(tmp_path: Path) 
 
 
 async def test_the_oldest_touches_go_beyond_the_bound(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("daemon.storage.journal.TOUCHES_KEPT", 3)
+    monkeypatch.setattr("daemon.storage.journal_bounds.TOUCHES_KEPT", 3)
     journal = await Journal.open(tmp_path / "j.sqlite")
     for _ in range(5):
         await journal.begin_touch("job", "b17", "TP7")

@@ -325,7 +325,7 @@ async def test_a_byte_of_the_log_that_was_changed_is_noticed_and_what_came_befor
 
 async def test_a_log_that_only_grows_is_nobody_else_s(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """It should be well after every kind of work: many writes, refused ones, a log that begins again."""
-    monkeypatch.setattr("daemon.storage.journal.VERIFY_LOG_EVERY_S", 0.0)
+    monkeypatch.setattr("daemon.storage.journal_writer.VERIFY_LOG_EVERY_S", 0.0)
     journal = await _with_jobs(tmp_path, "ab")
     for n in range(40):
         await journal.add_step("a", "look", {"n": n, "much": "x" * 40_000})
