@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from daemon.cli.setup_dialogue import Dialogue, StepFailed, number, text, whole
+from daemon.config.cross_checks import is_endpoint
 from daemon.config.model import Config, ConfigError, load_config, unlikely
 from daemon.config.problems import told
 from daemon.config.reading import toml_text
@@ -329,8 +330,14 @@ def sockets(setup: Setup) -> None:
     values: dict[str, Value] = {}
     for key, default in (("control", "tcp://127.0.0.1:5555"), ("events", "tcp://127.0.0.1:5556")):
         now = read_value(setup.text(), f"api.{key}") or default
-        values[f"api.{key}"] = setup.ask(f"api.{key}", f"Socket of {key}", str(now), text)
+        values[f"api.{key}"] = setup.ask(f"api.{key}", f"Socket of {key}", str(now), _socket)
     setup.write(values)
+
+
+def _socket(said: str) -> str:
+    if not is_endpoint(said):
+        raise ValueError(f"{said!r} is no socket; write it as tcp://127.0.0.1:5555 or ipc:///run/reprobe/control")
+    return said
 
 
 def check(setup: Setup) -> None:

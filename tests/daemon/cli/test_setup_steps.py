@@ -17,6 +17,7 @@ from daemon.cli import setup_file_steps as file_steps
 from daemon.cli import setup_station_steps as station_steps
 from daemon.cli.app import app
 from daemon.cli.last_resort import UNFORESEEN
+from daemon.cli.progress import Interrupted
 from daemon.cli.setup_dialogue import Dialogue, StepFailed
 from daemon.cli.setup_file_steps import Setup
 from daemon.client import Refused
@@ -256,6 +257,8 @@ class _Station:
 
     def request(self, op: str) -> dict[str, Any]:
         self.asked.append(op)
+        if op == "status":
+            return {"station": "left", "fault": None if self.homed else {"name": "not_homed"}}
         if op == "reset":
             self.in_fault = False
             if not self.homed:
@@ -295,3 +298,64 @@ def test_a_step_is_tried_again_after_the_fault_that_stopped_it_was_cleared(
     assert guided.do_step(step, "1 of 1: Tip", setup, station_steps.Daemon(setup))
     assert station.asked == asked
     assert len(said) == 1 + (not homed)  # to try again, and to home
+
+
+@pytest.mark.parametrize(("homed", "asked"), [(True, ["status"]), (False, ["status", "home"])])
+def test_where_it_goes_on_after_an_interruption_the_axes_are_homed_before_anything_fails(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, homed: bool, asked: list[str]
+) -> None:
+    station, said = _Station(homed=homed), list[str]()
+    monkeypatch.setattr(station_steps, "Client", lambda *_, **__: station)
+    monkeypatch.setattr(station_steps.Daemon, "start", lambda _: None)
+    monkeypatch.setattr(station_steps.Daemon, "endpoint", "ipc://none")
+    monkeypatch.setattr(Dialogue, "_line", lambda _, question: said.append(question) or "")
+
+    def works(_setup: Setup, _daemon: station_steps.Daemon) -> None:
+        if not station.homed:
+            raise StepFailed("the axes are not homed", "type `reprobe home`")
+
+    setup = Setup(tmp_path / "station.toml", Dialogue(Notes(tmp_path / "notes.json")))
+    step = guided.Step("tip", "Tip", "the head", of_station=works)
+    assert guided.do_step(step, "1 of 1: Tip", setup, station_steps.Daemon(setup))
+    assert station.asked == asked
+    assert len(said) == 1 + (not homed)  # before the step, and before homing
+
+
+@pytest.mark.parametrize(("name", "words"), [("right", "nothing is moved there"), ("left", "")])
+def test_a_daemon_of_another_station_at_the_same_socket_is_not_moved(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, words: str
+) -> None:
+    monkeypatch.setattr(station_steps, "Client", lambda *_, **__: _Station(homed=True))
+    monkeypatch.setattr(station_steps, "whole_file", lambda _: _config_of(name))
+    daemon = station_steps.Daemon(Setup(tmp_path / "x.toml", Dialogue(Notes(tmp_path / "notes.json"))))
+    if words:
+        with pytest.raises(StepFailed, match=words):
+            daemon.start()
+    else:
+        daemon.start()
+
+
+def _config_of(name: str) -> Any:
+    return SimpleNamespace(station=SimpleNamespace(name=name), api=SimpleNamespace(control="tcp://127.0.0.1:5555"))
+
+
+def test_a_step_done_alone_that_is_interrupted_names_itself_to_go_on(tmp_path: Path) -> None:
+    file = tmp_path / "station.toml"
+    assert f"`reprobe setup -c {file} --only mechanics` goes on" in _only(file, "mechanics", "5")[1]
+
+
+def test_a_socket_that_is_mistyped_is_said_at_its_question(tmp_path: Path) -> None:
+    written, said = _only(tmp_path / "station.toml", "sockets", "5555", "localhost:5556", "", "")
+    assert said.count("is no socket; write it as tcp://127.0.0.1:5555") == 2
+    assert written["api"]["control"] == "tcp://127.0.0.1:5555"
+
+
+def test_a_long_job_that_was_stopped_by_hand_did_not_fail_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    def stopped(*_: object, **__: object) -> None:
+        raise Interrupted(1)
+
+    monkeypatch.setattr(station_steps, "run_with_bar", stopped)
+    monkeypatch.setattr(station_steps.Daemon, "start", lambda _: None)
+    monkeypatch.setattr(station_steps.Daemon, "endpoint", "ipc://none")
+    with pytest.raises(StepFailed, match="stopped by Ctrl-C"):
+        station_steps.Daemon(None).long_job("calibrate", what="rotation")  # type: ignore[arg-type]
