@@ -195,6 +195,9 @@ def _farewell(guided: Setup, skipped: list[str]) -> None:
     say = guided.dialogue.say
     if skipped:
         say(f"\nSkipped: {', '.join(skipped)}. `reprobe setup -c {guided.file} --only NAME` does one of them.")
-    say(f"\nThe station is set up in {guided.file}. Start its daemon (`systemctl start reprobe`), then type:")
+    start = "`systemctl start reprobe`"
+    if guided.file != STATION:
+        start = f"`reprobe serve --config {guided.file}`, in a shell of its own"
+    say(f"\nThe station is set up in {guided.file}. Start its daemon ({start}), then type:")
     for step in NEXT_STEPS:
         say(f"  {step}")

@@ -227,6 +227,7 @@ def test_its_last_words_are_the_next_commands_and_can_be_pasted(
     assert [" ".join(one) for one in typed] == [
         "reprobe home", "reprobe align", "reprobe calibrate surface", "reprobe place TP7",
     ]  # fmt: skip
+    assert f"`reprobe serve --config {tmp_path / 'station.toml'}`" in said, "no unit of systemd serves this file"
 
 
 def test_a_station_may_have_no_instrument_and_is_told_what_that_means(tmp_path: Path) -> None:
