@@ -127,8 +127,8 @@ def find_drives(setup: Setup) -> None:
         raise StepFailed(str(failure), failure.advice) from failure
     if found is None:
         raise StepFailed("nobody answers there", "check power, the two wires (try them swapped) and termination")
-    drives, others = ", ".join(map(str, found.drives)), ", ".join(map(str, found.others)) or "none"
-    dialogue.say(f"At {found.baudrate} baud, parity {found.parity}: drives {drives or 'none'}; no drives: {others}")
+    drives, others = ", ".join(map(str, found.drives)) or "none", ", ".join(map(str, found.others)) or "none"
+    dialogue.say(f"At {found.baudrate} baud, parity {found.parity}: drives {drives}; others, such as relays: {others}")
     if len(found.drives) < len(AXES):
         raise StepFailed(
             f"{len(found.drives)} drives answer, and a station has {len(AXES)}",
@@ -188,6 +188,10 @@ def _device(given: str) -> str:
     """Return a device's path as it is from anywhere; raise `StepFailed` if there is none."""
     if not given or not _exists(Path(given)):
         raise StepFailed(f"there is no device {given!r}", "plug it in, or see `ls /dev/serial/by-id /dev/video*`")
+    if Path(given).is_socket():
+        raise StepFailed(
+            f"{given!r} is a socket, and no device", f"a frame server is written as ipc://{Path(given).absolute()}"
+        )
     return str(Path(given).absolute())
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
+import socket
 import tomllib
 from pathlib import Path
 from types import SimpleNamespace
@@ -48,6 +49,15 @@ def test_a_board_may_be_named_as_it_is_seen_from_where_it_was_typed(
     assert "Board demo_board, top" in result.output
     assert tomllib.loads(file.read_text())["board"]["file"] == "board.json"
     assert (tmp_path / "board.json").is_file()
+
+
+def test_a_frame_servers_socket_given_as_a_path_is_no_camera_and_it_is_said_how_it_is_written(tmp_path: Path) -> None:
+    there = tmp_path / "camera"
+    with socket.socket(socket.AF_UNIX) as server:
+        server.bind(str(there))
+        written, said = _only(tmp_path / "station.toml", "camera", str(there), "", f"ipc://{there}")
+    assert f"a frame server is written as ipc://{there}" in said
+    assert (written["camera"]["kind"], written["camera"]["endpoint"]) == ("stream", f"ipc://{there}")
 
 
 def _only(file: Path, step: str, *answers: str) -> tuple[dict[str, Any], str]:
