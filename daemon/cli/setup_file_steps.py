@@ -317,6 +317,8 @@ def meter(setup: Setup) -> None:
     setup.write(values)
     if not now.get("channels"):
         say(f"Write into [meter] of {setup.file} the scanner channel of each net: channels = {{ CLK = 101 }}")
+    if not now.get("ground_net"):
+        say('For voltage, diode and capacitance write there the net they are measured against: ground_net = "GND"')
     say(f"`reprobe doctor -c {setup.file}` asks whether it answers. A daemon that runs has to be restarted for it.")
 
 

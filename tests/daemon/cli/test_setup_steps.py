@@ -247,6 +247,7 @@ def test_a_station_may_have_no_instrument_and_is_told_what_that_means(tmp_path: 
     assert "`reprobe probe` and `reprobe run` need one" in said
     written, said = _only(file, "meter", "y", "192.168.0.7", "192.168.0.7:5025", "none")
     assert "neither host:port" in said
+    assert 'ground_net = "GND"' in said, "else voltage in a plan is not tested, and only the run says so"
     assert written["meter"] == {"kind": "scpi", "address": "192.168.0.7:5025"}
     assert _only(file, "meter", "", "", "7")[0]["meter"]["contact_channel"] == 7, "what is there is offered"
     assert "contact_channel" not in _only(file, "meter", "", "", "none")[0]["meter"]
