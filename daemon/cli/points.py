@@ -11,11 +11,11 @@ def parse_point(text: str) -> tuple[float, float]:
     """Return X,Y as two finite numbers, px; ValueError for anything else."""
     parts = text.split(",")
     if len(parts) != 2:
-        raise ValueError(f"{text!r} is not X,Y")
+        raise ValueError(f"{text!r} is not X,Y: two numbers, a comma between them")
     try:
         x_px, y_px = (float(part) for part in parts)
     except ValueError:
-        raise ValueError(f"{text!r} is not X,Y") from None
+        raise ValueError(f"{text!r} is not X,Y: two numbers, a comma between them") from None
     if not (math.isfinite(x_px) and math.isfinite(y_px)):
         raise ValueError(f"{text!r} is no place")
     return x_px, y_px

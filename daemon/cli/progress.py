@@ -20,6 +20,10 @@ LOOK_AGAIN_S = 1.0
 """How long to listen before asking for the result: an event may be lost, an answer is not."""
 
 
+class Interrupted(typer.Exit):
+    """The person stopped the job by Ctrl-C, and was told so."""
+
+
 def run_with_bar(op: str, endpoint: str, *, as_json: bool, alone: bool = True, **fields: Any) -> None:
     """Run a job, show how far it is and how it ended; exit 1 if it failed. Ctrl-C cancels the job, not only the bar.
 
@@ -58,7 +62,7 @@ def _await(client: Client, heard: Subscription, job_id: str, bar: Progress, task
             err.print("[yellow]cancelled; the head stops[/]")
         except NoAnswer:
             err.print("[red]the daemon does not answer; the job goes on[/]")
-        raise typer.Exit(FAILED) from None
+        raise Interrupted(FAILED) from None
 
 
 def _bar() -> Progress:

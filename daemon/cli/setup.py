@@ -102,7 +102,8 @@ def setup(
         with taken_as_ctrl_c():
             skipped = _walk(steps, () if only else notes.done, guided, daemon)
     except (Quit, KeyboardInterrupt):
-        guided.dialogue.say(f"\nEnded here. `reprobe setup -c {config}` goes on where this was.")
+        again = f"reprobe setup -c {config}" + (f" --only {only}" if only else "")
+        guided.dialogue.say(f"\nEnded here. `{again}` goes on where this was.")
         raise typer.Exit(1) from None
     finally:
         daemon.end()
@@ -146,6 +147,8 @@ def do_step(step: Step, title: str, guided: Setup, daemon: Daemon, *, first: boo
             guided.text()
             if failed and step.of_station is not None:
                 station_steps.recover(guided, daemon, HOMING)
+            elif step.moves is not None and step.name != "home":
+                station_steps.homed_before(guided, daemon, HOMING)
             if step.of_file is not None:
                 guided.dialogue.fill_in(partial(step.of_file, guided), back=back)
             if step.of_station is not None:
@@ -192,6 +195,9 @@ def _farewell(guided: Setup, skipped: list[str]) -> None:
     say = guided.dialogue.say
     if skipped:
         say(f"\nSkipped: {', '.join(skipped)}. `reprobe setup -c {guided.file} --only NAME` does one of them.")
-    say(f"\nThe station is set up in {guided.file}. Start its daemon (`systemctl start reprobe`), then type:")
+    start = "`systemctl start reprobe`"
+    if guided.file != STATION:
+        start = f"`reprobe serve --config {guided.file}`, in a shell of its own"
+    say(f"\nThe station is set up in {guided.file}. Start its daemon ({start}), then type:")
     for step in NEXT_STEPS:
         say(f"  {step}")

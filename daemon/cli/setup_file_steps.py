@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from daemon.cli.setup_dialogue import Dialogue, StepFailed, number, text, whole
+from daemon.config.cross_checks import is_endpoint
 from daemon.config.model import Config, ConfigError, load_config, unlikely
 from daemon.config.problems import told
 from daemon.config.reading import toml_text
@@ -126,8 +127,8 @@ def find_drives(setup: Setup) -> None:
         raise StepFailed(str(failure), failure.advice) from failure
     if found is None:
         raise StepFailed("nobody answers there", "check power, the two wires (try them swapped) and termination")
-    drives, others = ", ".join(map(str, found.drives)), ", ".join(map(str, found.others)) or "none"
-    dialogue.say(f"At {found.baudrate} baud, parity {found.parity}: drives {drives or 'none'}; no drives: {others}")
+    drives, others = ", ".join(map(str, found.drives)) or "none", ", ".join(map(str, found.others)) or "none"
+    dialogue.say(f"At {found.baudrate} baud, parity {found.parity}: drives {drives}; others, such as relays: {others}")
     if len(found.drives) < len(AXES):
         raise StepFailed(
             f"{len(found.drives)} drives answer, and a station has {len(AXES)}",
@@ -187,6 +188,10 @@ def _device(given: str) -> str:
     """Return a device's path as it is from anywhere; raise `StepFailed` if there is none."""
     if not given or not _exists(Path(given)):
         raise StepFailed(f"there is no device {given!r}", "plug it in, or see `ls /dev/serial/by-id /dev/video*`")
+    if Path(given).is_socket():
+        raise StepFailed(
+            f"{given!r} is a socket, and no device", f"a frame server is written as ipc://{Path(given).absolute()}"
+        )
     return str(Path(given).absolute())
 
 
@@ -312,6 +317,8 @@ def meter(setup: Setup) -> None:
     setup.write(values)
     if not now.get("channels"):
         say(f"Write into [meter] of {setup.file} the scanner channel of each net: channels = {{ CLK = 101 }}")
+    if not now.get("ground_net"):
+        say('For voltage, diode and capacitance write there the net they are measured against: ground_net = "GND"')
     say(f"`reprobe doctor -c {setup.file}` asks whether it answers. A daemon that runs has to be restarted for it.")
 
 
@@ -329,8 +336,14 @@ def sockets(setup: Setup) -> None:
     values: dict[str, Value] = {}
     for key, default in (("control", "tcp://127.0.0.1:5555"), ("events", "tcp://127.0.0.1:5556")):
         now = read_value(setup.text(), f"api.{key}") or default
-        values[f"api.{key}"] = setup.ask(f"api.{key}", f"Socket of {key}", str(now), text)
+        values[f"api.{key}"] = setup.ask(f"api.{key}", f"Socket of {key}", str(now), _socket)
     setup.write(values)
+
+
+def _socket(said: str) -> str:
+    if not is_endpoint(said):
+        raise ValueError(f"{said!r} is no socket; write it as tcp://127.0.0.1:5555 or ipc:///run/reprobe/control")
+    return said
 
 
 def check(setup: Setup) -> None:

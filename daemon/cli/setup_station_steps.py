@@ -9,7 +9,7 @@ import typer
 
 from daemon.cli.click_page import kept_picture, write_click_page
 from daemon.cli.points import parse_point
-from daemon.cli.progress import run_with_bar
+from daemon.cli.progress import Interrupted, run_with_bar
 from daemon.cli.setup_dialogue import StepFailed, number
 from daemon.cli.setup_file_steps import Setup, whole_file
 from daemon.client import Client, NoAnswer, Refused, from_here
@@ -39,12 +39,15 @@ class Daemon:
         """Start it; one that answers there already is used instead."""
         if self._own is not None and self._own.alive():
             return
+        config = whole_file(self._setup)
         try:
             with Client(self.endpoint, timeout_s=1.0) as client:
-                client.request("status")
-            return
+                there = client.request("status")["station"]
         except NoAnswer:
             pass
+        else:
+            _of_this_station(there, config.station.name, self.endpoint)
+            return
         log = self._setup.file.with_suffix(".setup.log")
         self._own = Process("daemon", ["daemon.cli", "serve", "--config", str(self._setup.file)], log, ready_line=False)
         try:
@@ -84,6 +87,16 @@ class Daemon:
             raise StepFailed(str(exc), "see that the daemon runs, then try again") from exc
         return True
 
+    def not_homed(self) -> bool:
+        """Tell whether nothing is wrong but that the axes are to be homed, as after a start."""
+        self.start()
+        try:
+            with Client(self.endpoint, timeout_s=ASK_WITHIN_S) as client:
+                fault = client.request("status")["fault"]
+        except NoAnswer as exc:
+            raise StepFailed(str(exc), "see that the daemon runs, then try again") from exc
+        return fault is not None and fault["name"] == "not_homed"
+
     def job(self, op: str, **fields: Any) -> JobResult:
         """Do a short job; raise `StepFailed` if it fails."""
         self.start()
@@ -108,11 +121,22 @@ class Daemon:
         self.start()
         try:
             run_with_bar(op, self.endpoint, as_json=False, alone=False, **fields)
+        except Interrupted as exc:
+            raise StepFailed("it was stopped by Ctrl-C", "try again: a rotation goes on where it was") from exc
         except typer.Exit as exc:
             if exc.exit_code:
                 raise StepFailed(
                     "it was refused or stopped: see above", "do what stands there, then try again"
                 ) from exc
+
+
+def _of_this_station(there: str, here: str, endpoint: str) -> None:
+    """Raise `StepFailed` where the daemon that answers is another station's: its head is not to be moved from here."""
+    if there != here:
+        raise StepFailed(
+            f"at {endpoint} the daemon of {there!r} answers, and this is {here!r}: nothing is moved there",
+            "give this station sockets of its own (`--only sockets`); if it is this one by its old name, restart it",
+        )
 
 
 def start(_setup: Setup, daemon: Daemon) -> None:
@@ -126,12 +150,22 @@ def home(_setup: Setup, daemon: Daemon) -> None:
     daemon.job("home")
 
 
+def homed_before(setup: Setup, daemon: Daemon, homing: str) -> None:
+    """Home before a step that moves, where the daemon has begun anew since: a set-up may have been interrupted."""
+    if daemon.not_homed():
+        _home_again(setup, daemon, "Homing first: the daemon was started anew", homing)
+
+
 def recover(setup: Setup, daemon: Daemon, homing: str) -> None:
     """Clear what a failed step left, before it is tried again; `homing`: what moves where the axes are to be homed."""
     if not daemon.reset():
-        if setup.dialogue.before("Homing, which the failure has undone", homing) != "go":
-            raise StepFailed("the axes are not homed", "try again, and let them be homed")
-        daemon.job("home")
+        _home_again(setup, daemon, "Homing, which the failure has undone", homing)
+
+
+def _home_again(setup: Setup, daemon: Daemon, title: str, homing: str) -> None:
+    if setup.dialogue.before(title, homing) != "go":
+        raise StepFailed("the axes are not homed", "try again, and let them be homed")
+    daemon.job("home")
 
 
 def directions(setup: Setup, daemon: Daemon) -> None:

@@ -185,10 +185,13 @@ def _begin(db: sqlite3.Connection, journal: str | None, since: int) -> int:
 
 
 def _journal_of(db: sqlite3.Connection, seq: int) -> tuple[str, int, int]:
-    """Return id, first and last number of the journal that a number belongs to; the oldest known for an older one."""
+    """Return id, first and last number of the journal that a number belongs to; the oldest known for an older one.
+
+    Of journals that begin with the same number all but the newest wrote nothing.
+    """
     sql = "SELECT n, id, first_seq FROM journals WHERE first_seq<=? ORDER BY n DESC LIMIT 1"
     row = db.execute(sql, (seq,)).fetchone()
-    row = row or db.execute("SELECT n, id, first_seq FROM journals ORDER BY n LIMIT 1").fetchone()
+    row = row or db.execute("SELECT n, id, first_seq FROM journals ORDER BY first_seq, n DESC LIMIT 1").fetchone()
     after = db.execute("SELECT min(first_seq) FROM journals WHERE n>?", (row[0],)).fetchone()[0]
     return str(row[1]), int(row[2]), (_next_seq(db) if after is None else int(after)) - 1
 

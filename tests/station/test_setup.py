@@ -130,7 +130,7 @@ def test_from_no_file_to_a_corrected_point_interrupted_on_the_way(tmp_path: Path
     code, first = _set_up(file, person)
     assert code == 1, first
     assert "goes on where this was" in first
-    assert "drives 1, 2, 3, 4; no drives: 5" in first, first
+    assert "drives 1, 2, 3, 4; others, such as relays: 5" in first, first
     assert load_config(file).axes.x.increments_per_unit == pytest.approx(327.68)
     person.quits_at = None
     code, second = _set_up(file, person)

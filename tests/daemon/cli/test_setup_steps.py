@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
+import socket
 import tomllib
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,6 +18,7 @@ from daemon.cli import setup_file_steps as file_steps
 from daemon.cli import setup_station_steps as station_steps
 from daemon.cli.app import app
 from daemon.cli.last_resort import UNFORESEEN
+from daemon.cli.progress import Interrupted
 from daemon.cli.setup_dialogue import Dialogue, StepFailed
 from daemon.cli.setup_file_steps import Setup
 from daemon.client import Refused
@@ -47,6 +49,15 @@ def test_a_board_may_be_named_as_it_is_seen_from_where_it_was_typed(
     assert "Board demo_board, top" in result.output
     assert tomllib.loads(file.read_text())["board"]["file"] == "board.json"
     assert (tmp_path / "board.json").is_file()
+
+
+def test_a_frame_servers_socket_given_as_a_path_is_no_camera_and_it_is_said_how_it_is_written(tmp_path: Path) -> None:
+    there = tmp_path / "camera"
+    with socket.socket(socket.AF_UNIX) as server:
+        server.bind(str(there))
+        written, said = _only(tmp_path / "station.toml", "camera", str(there), "", f"ipc://{there}")
+    assert f"a frame server is written as ipc://{there}" in said
+    assert (written["camera"]["kind"], written["camera"]["endpoint"]) == ("stream", f"ipc://{there}")
 
 
 def _only(file: Path, step: str, *answers: str) -> tuple[dict[str, Any], str]:
@@ -226,6 +237,7 @@ def test_its_last_words_are_the_next_commands_and_can_be_pasted(
     assert [" ".join(one) for one in typed] == [
         "reprobe home", "reprobe align", "reprobe calibrate surface", "reprobe place TP7",
     ]  # fmt: skip
+    assert f"`reprobe serve --config {tmp_path / 'station.toml'}`" in said, "no unit of systemd serves this file"
 
 
 def test_a_station_may_have_no_instrument_and_is_told_what_that_means(tmp_path: Path) -> None:
@@ -235,6 +247,7 @@ def test_a_station_may_have_no_instrument_and_is_told_what_that_means(tmp_path: 
     assert "`reprobe probe` and `reprobe run` need one" in said
     written, said = _only(file, "meter", "y", "192.168.0.7", "192.168.0.7:5025", "none")
     assert "neither host:port" in said
+    assert 'ground_net = "GND"' in said, "else voltage in a plan is not tested, and only the run says so"
     assert written["meter"] == {"kind": "scpi", "address": "192.168.0.7:5025"}
     assert _only(file, "meter", "", "", "7")[0]["meter"]["contact_channel"] == 7, "what is there is offered"
     assert "contact_channel" not in _only(file, "meter", "", "", "none")[0]["meter"]
@@ -256,6 +269,8 @@ class _Station:
 
     def request(self, op: str) -> dict[str, Any]:
         self.asked.append(op)
+        if op == "status":
+            return {"station": "left", "fault": None if self.homed else {"name": "not_homed"}}
         if op == "reset":
             self.in_fault = False
             if not self.homed:
@@ -295,3 +310,64 @@ def test_a_step_is_tried_again_after_the_fault_that_stopped_it_was_cleared(
     assert guided.do_step(step, "1 of 1: Tip", setup, station_steps.Daemon(setup))
     assert station.asked == asked
     assert len(said) == 1 + (not homed)  # to try again, and to home
+
+
+@pytest.mark.parametrize(("homed", "asked"), [(True, ["status"]), (False, ["status", "home"])])
+def test_where_it_goes_on_after_an_interruption_the_axes_are_homed_before_anything_fails(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, homed: bool, asked: list[str]
+) -> None:
+    station, said = _Station(homed=homed), list[str]()
+    monkeypatch.setattr(station_steps, "Client", lambda *_, **__: station)
+    monkeypatch.setattr(station_steps.Daemon, "start", lambda _: None)
+    monkeypatch.setattr(station_steps.Daemon, "endpoint", "ipc://none")
+    monkeypatch.setattr(Dialogue, "_line", lambda _, question: said.append(question) or "")
+
+    def works(_setup: Setup, _daemon: station_steps.Daemon) -> None:
+        if not station.homed:
+            raise StepFailed("the axes are not homed", "type `reprobe home`")
+
+    setup = Setup(tmp_path / "station.toml", Dialogue(Notes(tmp_path / "notes.json")))
+    step = guided.Step("tip", "Tip", "the head", of_station=works)
+    assert guided.do_step(step, "1 of 1: Tip", setup, station_steps.Daemon(setup))
+    assert station.asked == asked
+    assert len(said) == 1 + (not homed)  # before the step, and before homing
+
+
+@pytest.mark.parametrize(("name", "words"), [("right", "nothing is moved there"), ("left", "")])
+def test_a_daemon_of_another_station_at_the_same_socket_is_not_moved(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, words: str
+) -> None:
+    monkeypatch.setattr(station_steps, "Client", lambda *_, **__: _Station(homed=True))
+    monkeypatch.setattr(station_steps, "whole_file", lambda _: _config_of(name))
+    daemon = station_steps.Daemon(Setup(tmp_path / "x.toml", Dialogue(Notes(tmp_path / "notes.json"))))
+    if words:
+        with pytest.raises(StepFailed, match=words):
+            daemon.start()
+    else:
+        daemon.start()
+
+
+def _config_of(name: str) -> Any:
+    return SimpleNamespace(station=SimpleNamespace(name=name), api=SimpleNamespace(control="tcp://127.0.0.1:5555"))
+
+
+def test_a_step_done_alone_that_is_interrupted_names_itself_to_go_on(tmp_path: Path) -> None:
+    file = tmp_path / "station.toml"
+    assert f"`reprobe setup -c {file} --only mechanics` goes on" in _only(file, "mechanics", "5")[1]
+
+
+def test_a_socket_that_is_mistyped_is_said_at_its_question(tmp_path: Path) -> None:
+    written, said = _only(tmp_path / "station.toml", "sockets", "5555", "localhost:5556", "", "")
+    assert said.count("is no socket; write it as tcp://127.0.0.1:5555") == 2
+    assert written["api"]["control"] == "tcp://127.0.0.1:5555"
+
+
+def test_a_long_job_that_was_stopped_by_hand_did_not_fail_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    def stopped(*_: object, **__: object) -> None:
+        raise Interrupted(1)
+
+    monkeypatch.setattr(station_steps, "run_with_bar", stopped)
+    monkeypatch.setattr(station_steps.Daemon, "start", lambda _: None)
+    monkeypatch.setattr(station_steps.Daemon, "endpoint", "ipc://none")
+    with pytest.raises(StepFailed, match="stopped by Ctrl-C"):
+        station_steps.Daemon(None).long_job("calibrate", what="rotation")  # type: ignore[arg-type]

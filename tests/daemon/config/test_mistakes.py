@@ -70,7 +70,7 @@ MISTAKES: dict[str, tuple[str, str, tuple[str, ...], str]] = {
         '"/dev/reprobe-bus"', '"dev/ttyUSB0"', ("'/dev/ttyUSB0'",), "bus.main.port"),
     "a baud rate mistyped": ("baudrate = 115200", "baudrate = 115000", ("115200 is the nearest",), "bus.main.baudrate"),
     "keys right under [bus]": ("[bus.main]", "[bus]", ("[bus.main]",), "bus.port"),
-    "a required key left out": ("homing_method = 17                # negative limit switch\n", "",
+    "a required key left out": ("homing_method = 17                # 17, 18: a limit switch; 19..22: home switch\n", "",
                                   ("required and missing", "6098h"), "axes.x.homing_method"),
     "a safe height in a board": ("safe_z_um = 12000.0", "safe_z_um = 5300.0", ("must be above", "5600"),
                                  "gantry.safe_z_um"),

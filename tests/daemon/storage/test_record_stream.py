@@ -162,6 +162,15 @@ async def test_each_opening_is_a_journal_of_its_own_and_the_count_goes_on(tmp_pa
     await journal.close()
 
 
+async def test_the_first_page_is_not_empty_where_the_first_opening_wrote_nothing(tmp_path: Path) -> None:
+    journal = await _reopened(await Journal.open(tmp_path / "j.sqlite"), tmp_path / "j.sqlite")
+    await _alerts(journal, "a")
+    page = await _all(journal)
+    assert _told(page) == [(1, "alert")]
+    assert (page.journal, page.previous) == (await journal.stream.journal(), None)
+    await journal.close()
+
+
 async def test_a_journal_put_back_from_a_backup_goes_on_where_that_ended_under_a_new_id(tmp_path: Path) -> None:
     path, backup = tmp_path / "j.sqlite", tmp_path / "backup.sqlite"
     journal = await Journal.open(path)
