@@ -58,7 +58,8 @@ class MeterReadings:
             return (self._section.contact_channel,)
         wanted = self._section.ground_net if test.method in AGAINST_GROUND else net
         if wanted is None:
-            why = "meter.ground_net is not set" if test.method in AGAINST_GROUND else f"{test.point} has no net"
+            ground = f"{test.method} is measured against a net, and meter.ground_net names none: set it, then reload"
+            why = ground if test.method in AGAINST_GROUND else f"{test.point} has no net"
             raise _no_pin(why)
         if wanted not in self._section.channels:
             raise _no_pin(f"the harness has no pin of net {wanted} (meter.channels)")
