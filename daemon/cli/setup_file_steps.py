@@ -347,11 +347,17 @@ def _socket(said: str) -> str:
 
 
 def check(setup: Setup) -> None:
-    """Check the whole file, as `reprobe check-config` does."""
+    """Check the whole file, as `reprobe check-config` does; of what is unlikely it is said how to mend it in time."""
     whole_file(setup)
     odd = unlikely(setup.file)
-    for note in told(odd.notes, odd.lines):
+    notes = told(odd.notes, odd.lines)
+    for note in notes:
         setup.dialogue.say(f"  warning: {note}")
+    if notes:
+        again = f"`reprobe setup -c {setup.file} --only NAME`, such as mechanics"
+        setup.dialogue.say(
+            f"If that is not as it is meant, end with Ctrl-C before anything moves, and mend it: {again}."
+        )
     setup.dialogue.say(f"{setup.file}: good")
 
 

@@ -175,6 +175,18 @@ def test_going_back_is_offered_where_there_is_something_to_go_back_to(
     assert ("goes back" in said or "<: the step before" in said) == hinted
 
 
+def test_of_what_is_unlikely_it_is_said_how_to_mend_it_before_the_head_moves(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "station.toml"
+    example = (ROOT / "systemd" / "station.example.toml").read_text()
+    file.write_text(with_values(example, {"axes.x.homing_position": -300_000.0}))
+    said = _walk(monkeypatch, file, "check", answers=[])
+    assert "homing_position" in said
+    assert "before anything moves" in said
+    assert "--only NAME" in said
+
+
 def test_at_the_very_first_question_nothing_is_before_it(tmp_path: Path) -> None:
     written, said = _only(tmp_path / "station.toml", "name", "<", "left", "")
     assert "there is no question before this one" in said
