@@ -151,9 +151,9 @@ def home(_setup: Setup, daemon: Daemon) -> None:
 
 
 def homed_before(setup: Setup, daemon: Daemon, homing: str) -> None:
-    """Home before a step that moves, where the daemon has begun anew since: a set-up may have been interrupted."""
+    """Home before a step that moves, where the daemon was started since: a set-up may have been interrupted."""
     if daemon.not_homed():
-        _home_again(setup, daemon, "Homing first: the daemon was started anew", homing)
+        _home_again(setup, daemon, "Homing first: the daemon was started again", homing)
 
 
 def recover(setup: Setup, daemon: Daemon, homing: str) -> None:

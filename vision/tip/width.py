@@ -28,7 +28,7 @@ def check_width(strip: ProbeStrip, half_px: float, rim1_u_px: float, rim2_u_px: 
         strip, slice(middle - round(half_px / 2), middle + round(half_px / 2) + 1), rim1_u_px, rim2_u_px
     )
     near, far = (round(half_px) + beside for beside in BESIDE_PX)
-    for columns in (slice(middle - far, middle - near), slice(middle + near + 1, middle + far + 1)):
+    for columns in (slice(max(middle - far, 0), middle - near), slice(middle + near + 1, middle + far + 1)):
         if _marking_step(strip, columns, rim1_u_px, rim2_u_px) > max(STEP_SHARE * within, LEAST_STEP_LEVELS):
             raise ValueError(
                 f"the needle is wider than what was taken for it ({2.0 * half_px:.0f} px): its marking goes on beside "

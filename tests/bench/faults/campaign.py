@@ -62,7 +62,7 @@ class Plan:
         return [item for item in mine if self.wants(item)]
 
     def anybodys(self) -> list[Item]:
-        """Return what whoever is done with its share does: it is the same at any station."""
+        """Return what any station does once its own share is done."""
         return [("messages", n) for n in range(self.items("messages")) if self.wants(("messages", n))]
 
     def wants(self, item: Item) -> bool:

@@ -9,6 +9,8 @@ from tests.vision.studio.needle import WhiteScene, golden, white_scene
 from tests.vision.studio.needle_kit import HEADS
 from vision import NotFound, ProbeModel, Reason, Tip, find_tip
 from vision.tip import probe_outline
+from vision.tip.strip import ProbeStrip
+from vision.tip.width import check_width
 
 
 @cache
@@ -78,6 +80,17 @@ def test_a_click_on_the_streak_of_light_of_a_wide_needle_teaches_no_narrow_one(h
     beside = picture.tip_px[0] - beside_px * np.sin(turn), picture.tip_px[1] + beside_px * np.cos(turn)
     with pytest.raises(ValueError, match="the needle is wider than what was taken for it"):
         ProbeModel.teach(picture.frame, beside)
+
+
+def test_a_probe_that_all_but_fills_its_strip_is_no_streak() -> None:
+    """Beside it a few columns of ground are left."""
+    pixels = np.full((200, 129), 40.0, np.float32)
+    pixels[:, 5:124] = 160.0
+    pixels[60:100, 5:124] = 30.0
+    strip = ProbeStrip(pixels, 0.0, 0.0, 0.0, u_from_px=0, reach_px=64, edge_level=8.0)
+    check_width(strip, 59.0, 60.0, 100.0)
+    with pytest.raises(ValueError, match="wider than what was taken for it"):
+        check_width(strip, 30.0, 60.0, 100.0)
 
 
 @pytest.mark.parametrize("defect", ["no_needle", "no_marking", "turned", "other_needle"])
