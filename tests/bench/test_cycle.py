@@ -139,6 +139,16 @@ def test_a_budget_adds_up_to_what_was_measured() -> None:
     assert told_.rest["camera"] == pytest.approx(0.036)
 
 
+def test_a_correction_that_need_not_move_has_a_budget() -> None:
+    """It should count no settling of a head that stood still."""
+    timing = {"look": {"bus": 50.0, "light": 40.0, "exposure": 32.0, "software": 10.0, "total": 132.0}}
+    part = [lamps(1, 0.0), lamps(2, 0.1)]
+    told_ = budget(timing, part, [], FACTS)
+    assert told_.floor["moves"] == 0.0
+    assert told_.floor["steady"] == pytest.approx(2 * FACTS.light_settles_s)
+    assert told_.measured_s == pytest.approx(0.132)
+
+
 def test_the_95th_of_a_hundred_is_told() -> None:
     """It should take a value that was measured, and the largest of a few."""
     assert p95(list(range(1, 101))) == 96

@@ -118,8 +118,7 @@ def _looks_after_moves(part: Sequence[Exchange], legs: Sequence[Leg]) -> int:
     ends = [leg.begun_s + leg.seconds for leg in legs]
     nexts = [leg.begun_s for leg in legs[1:]] + [float("inf")]
     followed = 0
-    for index, (end_s, next_s) in enumerate(zip(ends, nexts, strict=True)):
-        before_s = legs[index].begun_s
+    for before_s, end_s, next_s in zip((leg.begun_s for leg in legs), ends, nexts, strict=False):
         in_time = [when_s for when_s in lit if before_s <= when_s < next_s]
         followed += bool(in_time) and (next_s - end_s > 0.0)
     return followed
