@@ -91,14 +91,16 @@ class Service:
 
 def _background(runtime: Runtime) -> list[asyncio.Task[None]]:
     """Start what goes on beside the jobs."""
-    latch, settings = runtime.latch, runtime.settings
+    latch, settings, forget = runtime.latch, runtime.settings, runtime.supervisor.forget_drawings
     beat = runtime.announcer.beat(lambda: latch.state, lambda: settings.config.api.heartbeat_s)
     return [
         asyncio.create_task(beat, name="heartbeat"),
         asyncio.create_task(runtime.journal_watch.run(), name="journal"),
         asyncio.create_task(runtime.supervisor.run(), name="supervise"),
         asyncio.create_task(runtime.reloader.run(busy=lambda: latch.running is not None), name="reload"),
-        asyncio.create_task(_lasting("housekeeping", lambda: keep_house(latch, runtime.metrics)), name="housekeeping"),
+        asyncio.create_task(
+            _lasting("housekeeping", lambda: keep_house(latch, runtime.metrics, forget)), name="housekeeping"
+        ),
         asyncio.create_task(_lasting("metrics", runtime.metrics_port.run), name="metrics"),
         asyncio.create_task(_lasting("events", runtime.events.run), name="events"),
         asyncio.create_task(_lasting("unserved", runtime.unserved.run), name="unserved"),

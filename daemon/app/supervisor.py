@@ -99,6 +99,11 @@ class StationSupervisor:
         """Return what jobs work with at present, None while no device is open."""
         return self._context
 
+    def forget_drawings(self) -> None:
+        """Give up what was drawn of the board: it takes memory at rest, and is drawn again when it is wanted."""
+        if self._context is not None:
+            self._context.references.forget()
+
     def refresh_context(self) -> None:
         """Lay out what jobs work with by the settings in force."""
         self._fit_calibrations()

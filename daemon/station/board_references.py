@@ -30,7 +30,7 @@ from vision.registration import (
 )
 
 MOST_REFERENCES = 4
-"""One takes some 25 MB."""
+"""One takes some 10 MB."""
 MOST_SEAT_PLACES = 8
 T = TypeVar("T")
 
@@ -41,6 +41,7 @@ class BoardSides:
     def __init__(self, board: Board) -> None:
         self._board = board
         self._lock = threading.Lock()
+        self._wholes: tuple[Whole, Whole | None] | None = None
 
     @cached_property
     def here(self) -> IndexedSide:
@@ -67,11 +68,13 @@ class BoardSides:
     def whole(self) -> tuple[Whole, Whole | None]:
         """Return both sides drawn whole; blocks for tenths of a second the first time."""
         with self._lock:
-            return self._whole
+            if self._wholes is None:
+                self._wholes = draw_whole(self.here), None if self.other is None else draw_whole(self.other)
+            return self._wholes
 
-    @cached_property
-    def _whole(self) -> tuple[Whole, Whole | None]:
-        return draw_whole(self.here), None if self.other is None else draw_whole(self.other)
+    def forget_whole(self) -> None:
+        """Give up both sides drawn whole, some 30 MB; they are drawn again when they are next wanted."""
+        self._wholes = None
 
     @cached_property
     def seat(self) -> tuple[SeatPlace, ...]:
@@ -108,6 +111,14 @@ class BoardReferences:
     async def about(self, place_um: tuple[float, float], shifts: LayerShifts) -> Reference:
         """Return what lies about a place."""
         return await asyncio.shield(self.begin(place_um, shifts))
+
+    def forget(self) -> None:
+        """Give up what has been drawn, some 10 MB a place: the next look at one draws again while the head travels.
+
+        What is under way goes on, and what was found out about places stays.
+        """
+        self._kept = OrderedDict((key, drawn) for key, drawn in self._kept.items() if not drawn.done())
+        self.sides.forget_whole()
 
     async def how_unique(self, place_um: tuple[float, float], *, alone: bool = False) -> UniquePlace:
         """Return what of either side, turned or not, a look is likeliest to take for a place.

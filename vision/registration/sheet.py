@@ -128,7 +128,8 @@ def without(sheet: Sheet, hidden: Mask) -> Sheet:
 
 def _some(where: Mask) -> Cells:
     cells = np.flatnonzero(where)
-    return np.asarray(cells[:: max(1, len(cells) // MOST_CELLS)], dtype=np.intp)
+    # A copy: a view of every so-manieth would keep all of them
+    return np.array(cells[:: max(1, len(cells) // MOST_CELLS)], dtype=np.intp)
 
 
 def middle(values: NDArray[np.float32] | NDArray[np.float64]) -> float:
