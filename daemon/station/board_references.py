@@ -68,9 +68,10 @@ class BoardSides:
     def whole(self) -> tuple[Whole, Whole | None]:
         """Return both sides drawn whole; blocks for tenths of a second the first time."""
         with self._lock:
-            if self._wholes is None:
-                self._wholes = draw_whole(self.here), None if self.other is None else draw_whole(self.other)
-            return self._wholes
+            drawn = self._wholes  # once: it may be given up meanwhile
+            if drawn is None:
+                drawn = self._wholes = (draw_whole(self.here), None if self.other is None else draw_whole(self.other))
+            return drawn
 
     def forget_whole(self) -> None:
         """Give up both sides drawn whole, some 30 MB; they are drawn again when they are next wanted."""
