@@ -22,7 +22,7 @@ if TYPE_CHECKING:
         project,
     )
     from vision.pads import RULES, Decided, Hole, Seen, SeenObject, TestPoint, Verdict, confirm_pad, find_test_points
-    from vision.tip import ProbeModel, Tip, find_tip
+    from vision.tip import KnownTip, ProbeModel, Tip, find_tip
 
 __all__ = [
     "RULES",
@@ -34,6 +34,7 @@ __all__ = [
     "Hole",
     "ImageQuality",
     "Intrinsics",
+    "KnownTip",
     "NotFound",
     "Orthophoto",
     "Plane",
@@ -84,7 +85,7 @@ _NAMES = {
         "confirm_pad",
         "find_test_points",
     ),
-    "vision.tip": ("ProbeModel", "Tip", "find_tip"),
+    "vision.tip": ("KnownTip", "ProbeModel", "Tip", "find_tip"),
 }
 _PACKAGES = {name: package for package, names in _NAMES.items() for name in names}
 

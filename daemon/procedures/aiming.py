@@ -15,7 +15,8 @@ from daemon.jobs.context import JobContext, StationContext
 from daemon.procedures.look_numbers import describe, landing_of, sight_of
 from daemon.procedures.registered import Registered, believe, board_search, look_by_cad
 from daemon.procedures.registration_faults import unusable_frame
-from daemon.station.station import UNUSABLE, LookResult, Search
+from daemon.station.station import LookResult, Search
+from daemon.station.tip_search import UNUSABLE
 from drivers.gantry import Position
 from vision import NotFound, TestPoint, Tip
 from vision.geometry import Array, ConstellationMatch, Correction, PoseMap, match_near, match_target

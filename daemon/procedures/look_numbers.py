@@ -30,8 +30,9 @@ def describe(look: LookResult, target: TestPoint | Registered | None, way: Corre
         body |= {
             "tip_px": [round(look.tip.x_px, 3), round(look.tip.y_px, 3)],
             "tip_sigma_px": round(look.tip.sigma_px, 3),
-            "needle": _needle(look.tip),
         }
+        # What is told of the needle was measured in another picture where it is carried from there
+        body |= {"tip_by": "marking"} if look.tip.by_marking else {"needle": _needle(look.tip)}
     if target is not None:
         body |= {"target_px": [round(target.x_px, 3), round(target.y_px, 3)], "kind": str(target.kind)}
     if look.board is not None:

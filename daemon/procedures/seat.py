@@ -38,6 +38,8 @@ CONTRADICTED = frozenset({FaultCode.WRONG_SIDE, FaultCode.BOARD_TURNED})
 FROM_ASIDE = frozenset({FaultCode.TIP_NOT_FOUND, FaultCode.TARGET_NOT_CONFIRMED})
 """What another ground behind the needle, or another view of the place, may cure."""
 ASIDE_UM = ((0.0, 0.0), (500.0, 400.0), (-500.0, -400.0))
+FARTHER_UM = ((2500.0, 2000.0), (-2500.0, -2000.0))
+"""For a tip that the ground hides: the body of a part as grey as the needle is not left by half a millimetre."""
 NAME = "seat"
 
 
@@ -47,12 +49,13 @@ class SeatViews:
 
     views: dict[str, list[Array]] = field(default_factory=dict)
     looks: list[SeatLook] = field(default_factory=list)
-    layers: list[LayerFit] = field(default_factory=list)
+    layers: list[tuple[str, LayerFit]] = field(default_factory=list)
+    """By the place's name: what was told of the layers' shifts."""
 
     def seat(self) -> Seat:
         """Return the seat as the record keeps it."""
         unique = {look.name for look in self.looks if look.rival <= UNIQUE_SCORE}
-        shifts = median_shifts(self.layers)
+        shifts = median_shifts([fit for _, fit in self.layers])
         return Seat(
             ink_um=_rounded(shifts.ink_um),
             openings_um=_rounded(shifts.openings_um),
@@ -61,6 +64,12 @@ class SeatViews:
             agreement=min(look.agreement for look in self.looks),
             looks=tuple(self.looks),
         )
+
+    def leave_out(self, name: str) -> None:
+        """Forget a place that was not seen from each angle: half of it would pull the fit aside."""
+        self.views.pop(name, None)
+        self.looks = [look for look in self.looks if look.name != name]
+        self.layers = [(place, fit) for place, fit in self.layers if place != name]
 
 
 def _rounded(shift_um: tuple[float, float]) -> tuple[float, float]:
@@ -101,9 +110,12 @@ def _spread(places: list[SeatPlace]) -> list[SeatPlace]:
 
 def _in_reach(context: StationContext, place: SeatPlace, theta_deg: float) -> bool:
     r, stop = context.servo.max_placement_um, seat_stop(context, (place.x_um, place.y_um), theta_deg)
+    return _reached(context, shifted(stop, -r, -r)) and _reached(context, shifted(stop, r, r))
+
+
+def _reached(context: StationContext, stop: Position) -> bool:
     try:
-        context.station.check(shifted(stop, -r, -r))
-        context.station.check(shifted(stop, r, r))
+        context.station.check(stop)
     except EnvelopeViolation:
         return False
     return True
@@ -131,27 +143,50 @@ async def see_seat(
     for point in points:
         if len(accepted) == wanted:
             break
-        try:
-            await _look(sequence, seen, point, thetas_deg[0], pose_map, named=named)
-        except Fault as unseen:
+        unseen = await _look(sequence, seen, point, thetas_deg[0], pose_map, named=named)
+        if unseen is not None:
             tries += 1
             left = len(points) - points.index(point) - 1
             another = ANOTHER_MAY_DO | CONTRADICTED if accepted else ANOTHER_MAY_DO
             if named or unseen.kind not in another or tries > MOST_TRIES or len(accepted) + left < LEAST_PLACES:
-                raise
+                raise unseen
         else:
             accepted.append(point)
             sequence.job.progress(len(accepted), wanted * len(thetas_deg), f"looking at {point.name}")
-    for theta_deg in thetas_deg[1:]:
-        for point in accepted:
-            await _look(sequence, seen, point, theta_deg, pose_map, named=named)
-            sequence.job.progress(len(seen.looks), len(accepted) * len(thetas_deg), f"looking at {point.name}")
+    spare = 0 if named else min(MOST_TRIES - tries, len(accepted) - LEAST_PLACES)
+    await _see_turned(sequence, seen, accepted, thetas_deg[1:], pose_map, named=named, spare=spare)
     for point in accepted:
         rival = await context.references.how_unique(point.place_um, alone=not named)
         seen.looks = [
             replace_rival(look, rival.rival_score) if look.name == point.name else look for look in seen.looks
         ]
     return seen
+
+
+async def _see_turned(
+    sequence: MoveSequence,
+    seen: SeatViews,
+    accepted: list[BoardPoint],
+    thetas_deg: tuple[float, ...],
+    pose_map: PoseMap,
+    *,
+    named: bool,
+    spare: int,
+) -> None:
+    """Look at the accepted places from the other angles; so many may be left out that are not known there.
+
+    A part's side that leans into the view hides a place, or makes it look like another board: the others know better.
+    """
+    for theta_deg in thetas_deg:
+        for point in tuple(accepted):
+            unseen = await _look(sequence, seen, point, theta_deg, pose_map, named=named)
+            if unseen is not None:
+                spare -= 1
+                if spare < 0 or unseen.kind not in ANOTHER_MAY_DO | CONTRADICTED:
+                    raise unseen
+                accepted.remove(point)
+                seen.leave_out(point.name)
+            sequence.job.progress(len(seen.looks), len(accepted) * (1 + len(thetas_deg)), f"looking at {point.name}")
 
 
 def replace_rival(look: SeatLook, rival: float) -> SeatLook:
@@ -161,24 +196,34 @@ def replace_rival(look: SeatLook, rival: float) -> SeatLook:
 
 async def _look(
     sequence: MoveSequence, seen: SeatViews, point: BoardPoint, theta_deg: float, pose_map: PoseMap, *, named: bool
-) -> None:
-    """Look at one place, from beside where needed, and note where it is."""
-    context = sequence.context
-    stop = seat_stop(context, point.place_um, theta_deg)
-    for dx_um, dy_um in ASIDE_UM:
+) -> Fault | None:
+    """Look at one place, from beside where needed, and note where it is; return why it was not seen.
+
+    A move that is refused is raised: from no other place will it be allowed.
+    """
+    stop = seat_stop(sequence.context, point.place_um, theta_deg)
+    near = [shifted(stop, *by_um) for by_um in ASIDE_UM]
+    farther = [there for there in (shifted(stop, *by_um) for by_um in FARTHER_UM) if _reached(sequence.context, there)]
+    unseen: Fault | None = None
+    for there in (*near, *farther):
+        if unseen is not None and unseen.kind is not FaultCode.TIP_NOT_FOUND and there in farther:
+            break
+        position = await sequence.go(there)
         try:
-            await _look_from(sequence, seen, point, shifted(stop, dx_um, dy_um), pose_map, named=named)
-            return
-        except Fault as unseen:
-            if unseen.kind not in FROM_ASIDE or (dx_um, dy_um) == ASIDE_UM[-1]:
-                raise
+            found = await _look_from(sequence, seen, point, position, pose_map, named=named)
+            seen.looks.append(_numbers(point, theta_deg, found))
+            return None
+        except Fault as fault:
+            unseen = fault
+            if fault.kind not in FROM_ASIDE:
+                break
+    return unseen
 
 
 async def _look_from(
-    sequence: MoveSequence, seen: SeatViews, point: BoardPoint, stop: Position, pose_map: PoseMap, *, named: bool
-) -> None:
+    sequence: MoveSequence, seen: SeatViews, point: BoardPoint, position: Position, pose_map: PoseMap, *, named: bool
+) -> Registration:
     job, context = sequence.job, sequence.context
-    position = await sequence.go(stop)
     search = await board_search(context, position, point, pose_map, alone=not named, measure_layers=True)
     look = await look_by_cad(job, context, position, context.calibrations.require_probe(), search)
     job.note("look", describe(look, None, None) | {"seat_place": point.name})
@@ -194,8 +239,8 @@ async def _look_from(
     )
     seen.views.setdefault(point.name, []).append(np.add(context.geometry.tip_um(position), from_tip))
     if look.board is not None and look.board.layers is not None:
-        seen.layers.append(look.board.layers)
-    seen.looks.append(_numbers(point, stop.theta_deg, found))
+        seen.layers.append((point.name, look.board.layers))
+    return found
 
 
 def _unseen(found: NotRegistered | None, point: BoardPoint, context: StationContext) -> Fault:

@@ -214,13 +214,13 @@ async def card_height_um(sequence: MoveSequence, pose_map: PoseMap, over: Positi
     return float(np.median(heights_um(pushes, pose_map, gantry.press_um, gantry.touch_z_um)))
 
 
-async def tip_px(sequence: MoveSequence, position: Position) -> Array:
-    """Return where the tip is in the image, px (2,), mean of a few."""
+async def tip_px(sequence: MoveSequence, position: Position, *, measured: bool = False) -> Array:
+    """Return where the tip is in the image, px (2,), mean of a few; `measured`: as in `Station.look`."""
     context, job = sequence.context, sequence.job
     probe = context.calibrations.require_probe()
     found = []
     for _ in range(LOOKS):
-        look = await context.station.look_white(position, probe, None, job)
+        look = await context.station.look_white(position, probe, None, job, measured=measured)
         job.saw(look)
         tip = require_tip(look)
         found.append((tip.x_px, tip.y_px))

@@ -21,19 +21,18 @@ from daemon.station.devices import Hardware
 from daemon.station.frames import Frames
 from daemon.station.free_pin import FreePin
 from daemon.station.needle import HEIGHT_WINDOW_UM, Needle, heights
+from daemon.station.tip_search import UNUSABLE, TipSearch
 from drivers.camera import Exposed, Frame
 from drivers.deadline import Deadline
 from drivers.errors import FrameLost
 from drivers.gantry import ClearHeight, Position
 from drivers.lights import Light
 from drivers.meter import Meter
-from vision import ControlPoint, NotFound, ProbeModel, Reason, Seen, Tip, find_control_point, find_test_points, find_tip
+from vision import ControlPoint, NotFound, ProbeModel, Seen, Tip, find_control_point, find_test_points
 from vision.annotate import Landing
 from vision.geometry import PoseMap
 
 HOMED_WITHIN_S = 2.0
-UNUSABLE = frozenset({Reason.TOO_DARK, Reason.SATURATED, Reason.BLURRED, Reason.OUT_OF_FRAME})
-"""Reasons of a picture that is no good itself."""
 SAME_PLACE_UM, SAME_PLACE_DEG = 1.0, 0.02
 """A target this near to where the head stands is no move sideways."""
 LOOKS_FOR_FREE = 3
@@ -102,6 +101,7 @@ class Station:
         self.needle = needle or Needle()
         """Where the needle is; told of every move and every position."""
         self.needle.adopt(*heights(config.gantry))
+        self._tips = TipSearch()
         self._resting_since_s = time.monotonic()
 
     @property
@@ -268,6 +268,7 @@ class Station:
     async def home(self, caller: Clocked) -> None:
         """Home all axes, Z first and up; where the needle is then is read back."""
         self.needle.forget()
+        self._tips.forget()
         with caller.watch.spend("motion"):
             try:
                 await self._hardware.gantry.home(caller.deadline)
@@ -306,14 +307,16 @@ class Station:
         caller: Clocked,
         *,
         moves_next: bool = False,
+        measured: bool = False,
     ) -> LookResult:
         """Take white and red from where the head is, find the tip, and pads or the board; nothing moves.
 
-        moves_next: a move and another look will follow what is seen. So white is lit as soon as red is exposed, and
-        the drives are asked while the search goes on: the move finds both done.
+        measured: for a calibration a tip that is carried from another picture will not do. moves_next: a move and
+        another look will follow what is seen. So white is lit as soon as red is exposed, and the drives are asked while
+        the search goes on: the move finds both done.
         """
         on_its_way = await self._frames.expose(Light.WHITE, self._still_at_s, caller)
-        async with beside(self._tip_in(on_its_way, model, caller)) as tip_search:
+        async with beside(self._tip_in(on_its_way, model, caller, measured=measured)) as tip_search:
             on_its_way = await self._frames.expose(Light.RED, self._still_at_s, caller)
             if moves_next:
                 await self.prepare_white(caller)
@@ -321,7 +324,7 @@ class Station:
                 white, tip = await tip_search
             except FrameLost:  # the light has changed meanwhile: the next picture is none of white
                 white = await self.capture(Light.WHITE, caller)
-                tip = await asyncio.to_thread(_search_tip, white, model)
+                tip = await self._tips.find(white, model, measured=measured)
         try:
             red = await self._frames.arrived(on_its_way, caller)
         except FrameLost:
@@ -344,18 +347,28 @@ class Station:
             self.needle.blind = True
 
     async def _tip_in(
-        self, exposed: Exposed, model: ProbeModel | None, caller: Clocked
+        self, exposed: Exposed, model: ProbeModel | None, caller: Clocked, *, measured: bool
     ) -> tuple[Frame, Tip | NotFound | None]:
         """Wait for a frame that was exposed, and find the tip in it."""
         white = await self._frames.arrived(exposed, caller)
-        return white, await asyncio.to_thread(_search_tip, white, model)
+        return white, await self._tips.find(white, model, measured=measured)
 
     async def look_white(
-        self, position: Position, model: ProbeModel, cross: CrossSearch | None, caller: Clocked
+        self,
+        position: Position,
+        model: ProbeModel,
+        cross: CrossSearch | None,
+        caller: Clocked,
+        *,
+        measured: bool = False,
     ) -> LookResult:
-        """Take one white frame and find the tip in it, and the control point if it is asked for; nothing moves."""
+        """Take one white frame and find the tip in it, and the control point if it is asked for; nothing moves.
+
+        measured: as in `look`.
+        """
         white = await self.capture(Light.WHITE, caller)
-        tip, found = await asyncio.to_thread(_search_white, white, model, cross)
+        tip = await self._tips.find(white, model, measured=measured)
+        found = await asyncio.to_thread(_search_cross, white, tip, cross) if tip and cross is not None else None
         self._searched(tip)
         return LookResult(white, None, position, tip, model.tip_px, cross=found)
 
@@ -407,20 +420,10 @@ def _straight(here: Position, target: Position) -> bool:
     return away_um <= SAME_PLACE_UM and turn_deg <= SAME_PLACE_DEG
 
 
-def _search_tip(white: Frame, model: ProbeModel | None) -> Tip | NotFound | None:
-    """Run TEDA, if a probe has been taught."""
-    return find_tip(white.pixels, model) if model is not None else None
-
-
-def _search_white(
-    white: Frame, model: ProbeModel, cross: CrossSearch | None
-) -> tuple[Tip | NotFound, ControlPoint | NotFound | None]:
-    """Run TEDA, and round the tip appendix C."""
-    tip = find_tip(white.pixels, model)
-    if not tip or cross is None:
-        return tip, None
+def _search_cross(white: Frame, tip: Tip, cross: CrossSearch) -> ControlPoint | NotFound:
+    """Search round the tip for the control point (appendix C)."""
     around = (tip.x_px + cross.offset_px[0], tip.y_px + cross.offset_px[1])
-    return tip, find_control_point(white.pixels, around, cross.reach_px, cross.arm_px)
+    return find_control_point(white.pixels, around, cross.reach_px, cross.arm_px)
 
 
 def _search_red(red: Frame, tip: Tip, search: Search | BoardSearch) -> Seen | BoardSeen:

@@ -1,9 +1,9 @@
 """How long the daemon takes from its first instruction to READY, on a simulated station in real time.
 
 Run by name: `python -m tests.bench.start`. The bound is 2 s on two idle cores. The station is homed, as it is when a
-daemon is started again: that is the most that is asked of its drives. With PYTHONDONTWRITEBYTECODE set each start compiles all modules
-again, which is 0.3 s of a core that no installed daemon pays. On a machine that has other work, the daemon's
-own time of a core says more than the clock.
+daemon is started again: that is the most that is asked of its drives. On a machine that has other work, the daemon's
+own time of a core says more than the clock. With PYTHONDONTWRITEBYTECODE set each start compiles all modules again:
+0.3 s that no installed daemon takes.
 """
 
 from __future__ import annotations

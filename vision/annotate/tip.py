@@ -71,7 +71,8 @@ def verdict_on_tip(tip: Tip | NotFound) -> str:
 
 
 def _facts(tip: Tip) -> tuple[str, ...]:
-    trust = f"template {tip.score:.2f}   edges {100 * tip.edge_support:.0f} %"
+    edges = "edges hidden: by its marking" if tip.by_marking else f"edges {100 * tip.edge_support:.0f} %"
+    trust = f"template {tip.score:.2f}   {edges}"
     look = f"marking {100 * tip.marking_contrast:.0f} %   sharpness {tip.sharpness:.2f}/px"
     return (
         f"tip ({tip.x_px:.2f}, {tip.y_px:.2f}) px, 1 sigma {tip.sigma_px:.2f} px",

@@ -30,6 +30,7 @@ from vision.core.image import (
 )
 from vision.core.image_quality import ImageQuality, measure_quality
 from vision.core.not_found import NotFound, Reason
+from vision.core.peak import parabola
 from vision.core.segment import Component, components, multi_otsu
 from vision.core.view import UNKNOWN_VIEW, View
 
@@ -64,6 +65,7 @@ __all__ = [
     "measure_quality",
     "median",
     "multi_otsu",
+    "parabola",
     "quantile",
     "red_signal",
     "refine_peaks",

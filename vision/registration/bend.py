@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.core import Bgr, Plane, check_bgr, red_signal
+from vision.core import Bgr, Plane, check_bgr, parabola, red_signal
 from vision.registration.answer import Registration
 from vision.registration.drawing import IndexedSide, LayerShifts, Material, draw_labels
 from vision.registration.rectify import Pose
@@ -152,14 +152,8 @@ def _top(likeness: Plane, reach: int) -> tuple[float, float] | None:
     inside = 0 < row < likeness.shape[0] - 1 and 0 < column < likeness.shape[1] - 1
     if not inside or not float(likeness[row, column]) >= LEAST_LIKENESS:
         return None
-    dx = _vertex(*(float(v) for v in likeness[row, column - 1 : column + 2]))
-    dy = _vertex(*(float(v) for v in likeness[row - 1 : row + 2, column]))
+    dx, dy = parabola(likeness[row], column), parabola(likeness[:, column], row)
     return column + dx - reach, row + dy - reach
-
-
-def _vertex(left: float, middle: float, right: float) -> float:
-    curve = left - 2.0 * middle + right
-    return float(np.clip(0.5 * (left - right) / curve, -0.5, 0.5)) if curve < 0.0 else 0.0
 
 
 def _fit(assumed: Array, seen: list[tuple[Array, Array]], about_um: tuple[float, float]) -> tuple[Array, float]:

@@ -13,11 +13,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.core import Bgr, Plane
+from vision.core import Bgr, Plane, parabola
 from vision.registration.answer import NotRegistered, Registration
 from vision.registration.drawing import IndexedSide, LayerShifts, Material, average, draw_labels
 from vision.registration.rectify import Picture, Pose
-from vision.registration.reference import parabola
 from vision.registration.refine import slopes
 from vision.registration.register import open_picture
 from vision.registration.sheet import Sheet, make_sheet

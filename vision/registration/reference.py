@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vision.core import parabola
 from vision.registration.drawing import IndexedSide, LayerShifts, Material, Planes, average, draw_labels, index_side
 from vision.registration.layers import SideLayers
 from vision.registration.sheet import Sheet, make_sheet
@@ -115,12 +116,3 @@ def _top(values: NDArray[np.float32], row: int, column: int, reach: int) -> tupl
         column - reach + parabola(values[row], column),
         row - reach + parabola(values[:, column], row),
     )
-
-
-def parabola(values: NDArray[np.float32], k: int) -> float:
-    """Return by how much the top of the parabola through three neighbours lies off the middle one, -0.5..0.5."""
-    if not 0 < k < len(values) - 1:
-        return 0.0
-    left, middle, right = (float(v) for v in values[k - 1 : k + 2])
-    bend = left - 2.0 * middle + right
-    return float(np.clip(0.5 * (left - right) / bend, -0.5, 0.5)) if bend < 0.0 else 0.0

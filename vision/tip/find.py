@@ -43,7 +43,8 @@ class Tip:
     rim1_px, rim2_px: upper and lower rim of the marking on the bisector; score: correlation with the golden template;
     marking_contrast: 0..1; width_px: of the cylinder; bend_px: how far taper and cylinder disagree at the end;
     sharpness: steepest slope of the lower rim over its step, 1/px (it falls as the image blurs); edge_support: share
-    of calipers that lie on the fitted silhouette; shape: that silhouette.
+    of calipers that lie on the fitted silhouette; shape: that silhouette. by_marking: the ground hid the edges; all of
+    it was measured in a picture before, and moved to where marking and light show the needle now (`KnownTip`).
     """
 
     x_px: float
@@ -63,6 +64,24 @@ class Tip:
     shape: ProbeShape
     sigma_along_px: float = 0.0
     sigma_across_px: float = 0.0
+    by_marking: bool = False
+
+    def moved(self, dx_px: float, dy_px: float) -> Tip:
+        """Return the tip, and all that was measured with it, so many pixels aside."""
+
+        def there(point: tuple[float, float]) -> tuple[float, float]:
+            return point[0] + dx_px, point[1] + dy_px
+
+        first, second = (replace(line, x_px=line.x_px + dx_px, y_px=line.y_px + dy_px) for line in self.edges)
+        return replace(
+            self,
+            x_px=self.x_px + dx_px,
+            y_px=self.y_px + dy_px,
+            edges=(first, second),
+            intersection_px=there(self.intersection_px),
+            rim1_px=there(self.rim1_px),
+            rim2_px=there(self.rim2_px),
+        )
 
     @property
     def covariance_px2(self) -> Floats:
@@ -96,7 +115,7 @@ def find_tip(white_bgr: Any, model: ProbeModel) -> Tip | NotFound:
         return problem
     clean = despike(plane)
     found = _find(clean, model, (x, y))
-    return found if isinstance(found, NotFound) else _shifted(found, x, y)
+    return found if isinstance(found, NotFound) else found.moved(x, y)
 
 
 def _find(clean: Gray, model: ProbeModel, origin: tuple[int, int]) -> Tip | NotFound:
@@ -173,22 +192,4 @@ def _edge_line(probe: MeasuredTip, shape: ProbeShape, side: float) -> Line:
         sigma_px=float(np.sqrt(axis.covariance[0, 0])),
         used=round(100 * axis.support),
         offered=100,
-    )
-
-
-def _shifted(tip: Tip, x: int, y: int) -> Tip:
-    """Return `tip` moved from the region's pixels to the image's."""
-
-    def moved(point: tuple[float, float]) -> tuple[float, float]:
-        return point[0] + x, point[1] + y
-
-    first, second = (replace(line, x_px=line.x_px + x, y_px=line.y_px + y) for line in tip.edges)
-    return replace(
-        tip,
-        x_px=tip.x_px + x,
-        y_px=tip.y_px + y,
-        edges=(first, second),
-        intersection_px=moved(tip.intersection_px),
-        rim1_px=moved(tip.rim1_px),
-        rim2_px=moved(tip.rim2_px),
     )

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.core import Gray, Plane
+from vision.core import Gray, Plane, parabola
 from vision.tip.probe_model import SEARCH_REACH_PX, TEMPLATE_HEIGHT_PX, TEMPLATE_WIDTH_PX, ProbeModel
 
 SHRINK = 4
@@ -23,6 +23,8 @@ MOST_MATCHES, WORSE = 3, 0.2
 """A busy background can look more like the template than the probe before it does: other places are kept in hand."""
 BORDER_PX = 2.0
 """The border of the probe is left out as well: the lens mixes it with the ground, and the place is a guess."""
+NEAR_PX, FINE_TURN_DEG = 6, 1.0
+"""The full size is searched so far about what the shrunk one gave."""
 APART = 2
 """Places closer than this, in shrunk pixels, are one and the same."""
 
@@ -86,8 +88,61 @@ def search(
     return found
 
 
-def _shrink(plane: Gray) -> Plane:
-    size = (plane.shape[1] // SHRINK, plane.shape[0] // SHRINK)
+def place(plane: Gray, model: ProbeModel, origin: tuple[int, int], match: TemplateMatch) -> TemplateMatch:
+    """Return where the template fits best in the pixels themselves, near a match that `search` found.
+
+    The marking is far from the end, so that a degree of turn is pixels there: the turn is refined as well.
+    """
+    turn = float(np.degrees(match.angle_rad - model.angle_rad))
+    tried = [_place_turned(plane, model, origin, match, turn + step) for step in (-FINE_TURN_DEG, 0.0, FINE_TURN_DEG)]
+    k = max(range(3), key=lambda n: tried[n].score)
+    best, off = tried[k], parabola(np.array([one.score for one in tried], dtype=np.float32), k)
+    beside = tried[k + 1] if off > 0.0 else tried[k - 1]
+    share = abs(off) if k == 1 else 0.0
+    return TemplateMatch(
+        best.x_px + share * (beside.x_px - best.x_px),
+        best.y_px + share * (beside.y_px - best.y_px),
+        best.angle_rad + share * (beside.angle_rad - best.angle_rad),
+        best.score,
+    )
+
+
+def end_beside_whole(
+    plane: Gray, model: ProbeModel, origin: tuple[int, int], match: TemplateMatch, turn_deg: float
+) -> tuple[float, float]:
+    """Return (x, y), px, by which what lies below the marking fits elsewhere than the whole template, at one turn.
+
+    It is the same in all pictures of one probe, until that is bent.
+    """
+    whole = _place_turned(plane, model, origin, match, turn_deg)
+    end = _place_turned(plane, model, origin, match, turn_deg, end_only=True)
+    return end.x_px - whole.x_px, end.y_px - whole.y_px
+
+
+def _place_turned(
+    plane: Gray,
+    model: ProbeModel,
+    origin: tuple[int, int],
+    match: TemplateMatch,
+    turn_deg: float,
+    *,
+    end_only: bool = False,
+) -> TemplateMatch:
+    corner = model.corner_px[0] - origin[0], model.corner_px[1] - origin[1]
+    left = max(round(match.x_px - model.tip_px[0]) + corner[0] - NEAR_PX, 0)
+    top = max(round(match.y_px - model.tip_px[1]) + corner[1] - NEAR_PX, 0)
+    cut = plane[top : top + TEMPLATE_HEIGHT_PX + 2 * NEAR_PX + 1, left : left + TEMPLATE_WIDTH_PX + 2 * NEAR_PX + 1]
+    shown = cut.astype(np.float32)
+    score = _correlate(shown, np.square(shown), _template(model, turn_deg, 1, end_only))
+    row, column = (int(at) for at in np.unravel_index(int(np.argmax(score)), score.shape))
+    dx = left + column - corner[0] + parabola(score[row], column)
+    dy = top + row - corner[1] + parabola(score[:, column], row)
+    angle = model.angle_rad + float(np.radians(turn_deg))
+    return TemplateMatch(model.tip_px[0] + dx, model.tip_px[1] + dy, angle, float(score[row, column]))
+
+
+def _shrink(plane: Gray, by: int = SHRINK) -> Plane:
+    size = (plane.shape[1] // by, plane.shape[0] // by)
     return cv2.resize(plane, size, interpolation=cv2.INTER_AREA).astype(np.float32)
 
 
@@ -101,9 +156,9 @@ def _correlate(small: Plane, squared: Plane, template: _Template) -> Plane:
 
 
 @lru_cache(maxsize=64)
-def _template(model: ProbeModel, turn_deg: float) -> _Template:
+def _template(model: ProbeModel, turn_deg: float, shrink: int = SHRINK, end_only: bool = False) -> _Template:  # noqa: FBT001, FBT002  # a cache's key
     """Return the model's template turned about the probe's end; models are compared by identity."""
-    turned, cover = _turned(model, turn_deg)
+    turned, cover = _turned(model, turn_deg, shrink, end_only=end_only)
     weights = np.where(cover > 0.5, 1.0, 0.0)
     weights /= weights.sum()
     pattern = turned - np.sum(weights * turned)
@@ -111,23 +166,25 @@ def _template(model: ProbeModel, turn_deg: float) -> _Template:
     return _Template(weights.astype(np.float32), pattern.astype(np.float32))
 
 
-def _turned(model: ProbeModel, turn_deg: float) -> tuple[Plane, Plane]:
+def _turned(model: ProbeModel, turn_deg: float, shrink: int, *, end_only: bool) -> tuple[Plane, Plane]:
     """Return the template and the probe's cover (0..1) of it, turned about the probe's end and shrunk."""
     tip = model.tip_px[0] - model.corner_px[0], model.tip_px[1] - model.corner_px[1]
     matrix = cv2.getRotationMatrix2D(tip, -turn_deg, 1.0)
     size = (TEMPLATE_WIDTH_PX, TEMPLATE_HEIGHT_PX)
     inside = np.zeros(size[::-1], dtype=np.uint8)
-    cv2.fillPoly(inside, [np.rint(_inner_px(model)).astype(np.int32)], (255,))
+    cv2.fillPoly(inside, [np.rint(_inner_px(model, end_only=end_only)).astype(np.int32)], (255,))
     turned = cv2.warpAffine(model.template, matrix, size, borderMode=cv2.BORDER_REPLICATE)
     cover = cv2.warpAffine(inside, matrix, size)
-    return _shrink(np.asarray(turned, dtype=np.uint8)), _shrink(np.asarray(cover, dtype=np.uint8)) / 255.0
+    shown, share = (_shrink(np.asarray(plane, dtype=np.uint8), shrink) for plane in (turned, cover))
+    return shown, share / 255.0
 
 
-def _inner_px(model: ProbeModel) -> NDArray[np.float64]:
-    """Return the polygon (N, 2) in the template's pixels of the probe without its border."""
+def _inner_px(model: ProbeModel, *, end_only: bool) -> NDArray[np.float64]:
+    """Return the polygon (N, 2) in the template's pixels of the probe, or its end, without its border."""
     outline = model.outline
-    left, right = outline.left_px + BORDER_PX, outline.right_px - BORDER_PX
-    u, v = np.concatenate([outline.u_px, outline.u_px[::-1]]), np.concatenate([left, right[::-1]])
+    kept = outline.u_px > -model.h_px + BORDER_PX if end_only else np.ones(outline.u_px.shape, dtype=np.bool_)
+    left, right, rows = outline.left_px[kept] + BORDER_PX, outline.right_px[kept] - BORDER_PX, outline.u_px[kept]
+    u, v = np.concatenate([rows, rows[::-1]]), np.concatenate([left, right[::-1]])
     c, s = np.cos(model.angle_rad), np.sin(model.angle_rad)
     x, y = model.tip_px[0] - model.corner_px[0], model.tip_px[1] - model.corner_px[1]
     return np.stack([x + u * c - v * s, y + u * s + v * c], axis=1)

@@ -119,7 +119,7 @@ class MapAcquisition:
         """Go there and return where the tip is in the image, (2,) px; without a tip no target can be seen either."""
         position = await self._sequence.go(place)
         try:
-            return await tip_px(self._sequence, position)
+            return await tip_px(self._sequence, position, measured=True)
         except Fault as unseen:
             if unseen.kind is not FaultCode.TIP_NOT_FOUND:
                 raise

@@ -99,7 +99,7 @@ class RoundTarget:
         expected_px = self.point.round_um / 2 / context.camera.pitch_um
         probe = context.calibrations.require_probe()
         search = Search(offset_px, reach_px, expected_px)
-        look = await context.station.look(position, probe, search, job)
+        look = await context.station.look(position, probe, search, job, measured=True)
         job.saw(look)
         target = look.seen.nearest if look.seen is not None else None
         found = target if isinstance(target, TestPoint) else None
@@ -137,7 +137,7 @@ class CrossTarget:
         """Take one white frame."""
         search = CrossSearch(offset_px, reach_px, self.arm_um / context.camera.pitch_um)
         probe = context.calibrations.require_probe()
-        look = await context.station.look_white(position, probe, search, job)
+        look = await context.station.look_white(position, probe, search, job, measured=True)
         job.saw(look)
         job.note("look", describe(look, None, None))
         if isinstance(look.cross, ControlPoint) and look.cross.sigma_px > MAX_CROSS_SIGMA_PX:

@@ -319,6 +319,8 @@ class ScriptedStation(Station):
         self.world = world
         self.searches: list[Search | BoardSearch | CrossSearch | None] = []
         self.moves_next: list[bool] = []
+        self.measured: list[bool] = []
+        """Of each look, whether a tip that is carried from another picture would not do."""
         self.script: dict[int, Edit] = {}
         """Number of a look, from 1 -> what is done to its result."""
         self.always: Edit = lambda seen: seen
@@ -330,8 +332,9 @@ class ScriptedStation(Station):
 
     async def look(
         self, position: Position, model: ProbeModel | None, search: Search | BoardSearch, caller: Clocked,
-        *, moves_next: bool = False,
+        *, moves_next: bool = False, measured: bool = False,
     ) -> LookResult:  # fmt: skip
+        self.measured.append(measured)
         self.moves_next.append(moves_next)
         assert not caller.deadline.expired
         self.searches.append(search)
@@ -346,8 +349,10 @@ class ScriptedStation(Station):
         return self._edited(look)
 
     async def look_white(
-        self, position: Position, model: ProbeModel, cross: CrossSearch | None, caller: Clocked
-    ) -> LookResult:
+        self, position: Position, model: ProbeModel, cross: CrossSearch | None, caller: Clocked,
+        *, measured: bool = False,
+    ) -> LookResult:  # fmt: skip
+        self.measured.append(measured)
         assert not caller.deadline.expired
         self.searches.append(cross)
         tip = self.world.see_tip()

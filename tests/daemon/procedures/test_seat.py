@@ -13,7 +13,8 @@ from daemon.domain.board import SeatPlace
 from daemon.domain.errors import Fault, FaultCode
 from daemon.procedures.registry import PROCEDURES
 from daemon.station.board_view import BoardSearch
-from daemon.station.station import LookResult
+from daemon.station.free_pin import FreePin
+from daemon.station.station import LOOKS_FOR_FREE, LookResult
 from daemon.storage.calibration_records import AlignmentRecord
 from tests.daemon.procedures.cad_board import cad_board, cad_pad
 from tests.daemon.procedures.fake_station import Ran, World, run
@@ -93,12 +94,109 @@ async def test_a_dirty_place_is_replaced_by_the_next(world: World) -> None:
     assert len(_record(world).fiducials) == 4
 
 
+def _hidden(look: LookResult) -> LookResult:
+    return replace(look, tip=NotFound(Reason.NO_NEEDLE, "busy ground"), board=None)
+
+
 async def test_where_the_needle_is_not_seen_it_is_looked_at_from_beside(world: World) -> None:
-    world.station.script = {1: lambda look: replace(look, tip=NotFound(Reason.NO_NEEDLE, "busy ground"), board=None)}
+    world.station.script = {1: _hidden}
     await _align(world)
     first, second = _places(world)[:2]
     assert first == second
     assert len(_record(world).fiducials) == 4
+
+
+async def test_a_part_as_grey_as_the_needle_is_looked_past_from_farther_aside(world: World) -> None:
+    """A body of some millimetres lies behind the needle from all of the first stops."""
+    world.station.script = dict.fromkeys((1, 2, 3), _hidden)
+    await _align(world)
+    assert len(set(_places(world)[:4])) == 1
+    stops = [target for target, _ in world.gantry.moves[:4]]
+    assert abs(stops[3].x_um - stops[0].x_um) > 2_000.0
+    assert len(_record(world).fiducials) == 4
+
+
+@pytest.mark.parametrize("poor", ["hidden", Refusal.NOT_THIS_BOARD, Refusal.BOARD_TURNED])
+async def test_a_place_that_the_other_angle_hides_is_left_out_of_both(world: World, poor: str | Refusal) -> None:
+    """It should not end an alignment that has enough places; half of one would pull the fit aside."""
+    hides = SEAT[0].x_um, SEAT[0].y_um
+    _turned_at(world, {hides}, _refused(poor) if isinstance(poor, Refusal) else _hidden)
+    await _align(world)
+    record = _record(world)
+    assert len(record.fiducials) == 3
+    assert record.seat is not None
+    assert {look.board_um for look in record.seat.looks}.isdisjoint({hides})
+
+
+async def test_too_few_places_from_the_other_angle_are_refused_with_the_reason(world: World) -> None:
+    world.station.always = lambda look: _hidden(look) if abs(look.position.theta_deg) > 90.0 else look
+    assert (await _fault(world)).kind is FaultCode.TIP_NOT_FOUND
+
+
+def _turned_at(world: World, hides: set[tuple[float, float]], edit: Callable[[LookResult], LookResult]) -> None:
+    """Have these places look otherwise from the other head angle."""
+
+    def turned(look: LookResult) -> LookResult:
+        search = world.station.searches[-1]
+        here = isinstance(search, BoardSearch) and search.reference.about_um in hides
+        return edit(look) if here and abs(look.position.theta_deg) > 90.0 else look
+
+    world.station.always = turned
+
+
+async def test_two_of_four_places_that_the_other_angle_hides_are_too_many(world: World) -> None:
+    _turned_at(world, {(place.x_um, place.y_um) for place in SEAT[:4:3]}, _hidden)
+    assert (await _fault(world)).kind is FaultCode.TIP_NOT_FOUND
+    assert world.calibrations.alignment(world.board) is None
+
+
+async def test_no_more_places_may_fail_in_all_than_at_one_angle(tmp_path: Path) -> None:
+    """Two from the first angle and one from the other: half of what was looked at says that it is another board."""
+    more = [SEAT[0].model_copy(update={"x_um": 20_000.0, "y_um": y_um}) for y_um in (8_000.0, 22_000.0)]
+    world = World(tmp_path, BOARD.model_copy(update={"seat": (*SEAT, *more)}), {}).teach().with_map()
+    other = _refused(Refusal.NOT_THIS_BOARD)
+    world.station.script = {2: other, 3: _refused(Refusal.WRONG_SIDE)}
+    once = [True]
+    world.station.always = lambda look: (
+        other(look) if abs(look.position.theta_deg) > 90.0 and once and once.pop() else look
+    )
+    assert (await _fault(world)).kind is FaultCode.NOT_THIS_BOARD
+
+
+async def test_a_named_target_that_the_other_angle_hides_is_refused(world: World) -> None:
+    names = ["R1.1", "R1.2", "R2.1"]
+    place = world.board.point("R1.1")
+    _turned_at(world, {(place.x_um, place.y_um)}, _hidden)
+    assert (await _fault(world, fiducials=names)).kind is FaultCode.TIP_NOT_FOUND
+
+
+async def test_a_place_off_by_a_placement_error_from_the_other_angle_ends_it(world: World) -> None:
+    """It is no poor view: the board has moved."""
+
+    def moves(look: LookResult) -> LookResult:
+        if abs(look.position.theta_deg) > 90.0:
+            pose = world.true_pose
+            world.true_pose = Rigid2(pose.theta_deg, 2000.0, pose.ty_um)
+        return look
+
+    world.station.always = moves
+    assert (await _fault(world)).kind is FaultCode.WRONG_PLACE
+
+
+async def test_a_move_that_is_refused_is_not_tried_from_each_stop(world: World) -> None:
+    """The needle is hidden, and nobody sees it free above either: asking again changes nothing."""
+    world.station.needle.taught_free = lambda: FreePin.where_no_board_is(
+        world.calibrations.require_probe(), world.context.require_map(), world.config.gantry.safe_z_um
+    )
+    world.station.always = _hidden
+    assert (await _fault(world)).kind is FaultCode.TIP_NOT_FOUND
+    assert len(world.station.searches) <= 1 + LOOKS_FOR_FREE
+
+
+async def test_another_board_from_the_other_angle_is_named(world: World) -> None:
+    other = _refused(Refusal.NOT_THIS_BOARD)
+    world.station.always = lambda look: other(look) if abs(look.position.theta_deg) > 90.0 else look
+    assert (await _fault(world)).kind is FaultCode.NOT_THIS_BOARD
 
 
 @pytest.mark.parametrize("reason", [Refusal.BOARD_TURNED, Refusal.WRONG_SIDE, Refusal.NO_BOARD])

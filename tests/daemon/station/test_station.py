@@ -17,6 +17,7 @@ from daemon.config.model import Config, load_config
 from daemon.domain.errors import Fault, FaultCode
 from daemon.platform.clock import Stopwatch
 from daemon.station import station as module
+from daemon.station import tip_search
 from daemon.station.allowance import Allowance
 from daemon.station.free_pin import FreePin
 from daemon.station.needle import NeedlePlace
@@ -37,7 +38,7 @@ from tests.daemon.procedures.fake_station import (
     probe_model,
 )
 from tests.daemon.procedures.fake_station import a_board as board
-from vision import Reason, Tip
+from vision import KnownTip, Reason, Tip
 
 HERE = Position(50_000.0, 40_000.0, 5_200.0, 0.0)
 
@@ -49,6 +50,7 @@ class Bench:
         config: Config = load_config(EXAMPLE)
         self.config = config.model_copy(update={"gantry": config.gantry.model_copy(update=gantry)})
         self.gantry, self.lights, self.camera = FakeGantry(config, HERE, HERE), FakeLights(), FakeCamera()
+        self.camera.pixels = np.zeros((1200, 1600, 3), dtype=np.uint8)
         self.hardware = hardware(self.gantry, self.lights, self.camera)
         self.station = Station(self.config, self.hardware)
         self.caller = Allowance(Deadline.after(3_600.0), Stopwatch())
@@ -152,7 +154,7 @@ HIDDEN = missing(Reason.NO_NEEDLE)
 def _seeing(bench: Bench, monkeypatch: pytest.MonkeyPatch, *tips: Any) -> None:
     """Have looks find these, one after the other, the last for good; there is a map."""
     found = list(tips)
-    monkeypatch.setattr("daemon.station.station.find_tip", lambda *_: found.pop(0) if len(found) > 1 else found[0])
+    monkeypatch.setattr("daemon.station.tip_search.find_tip", lambda *_: found.pop(0) if len(found) > 1 else found[0])
     bench.station.needle.taught_free = lambda: FreePin(probe_model(), (800.0, 600.0), 2.0, 12_000.0)
 
 
@@ -192,6 +194,34 @@ async def test_a_tip_that_the_next_look_shows_or_a_picture_that_is_no_good_puts_
         await bench.station.look_white(HERE, probe_model(), None, bench.caller)
     await bench.station.go(SIDEWAYS, bench.caller)
     assert [to for to, _ in bench.gantry.moves] == [SIDEWAYS]
+
+
+async def test_a_tip_that_is_carried_to_where_the_ground_hides_it_puts_no_needle_in_doubt(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It stands at its free place, and homing ends that it may be carried: the needle may be another one then."""
+    _seeing(bench, monkeypatch, AT_TAUGHT, HIDDEN)
+    monkeypatch.setattr(KnownTip, "carried_to", lambda *_: AT_TAUGHT)
+    model = probe_model()
+    for _ in range(3):
+        look = await bench.station.look_white(HERE, model, None, bench.caller)
+        assert look.tip is AT_TAUGHT
+    await bench.station.go(SIDEWAYS, bench.caller)
+    assert [to for to, _ in bench.gantry.moves] == [SIDEWAYS]
+    await bench.station.home(bench.caller)
+    assert (await bench.station.look_white(HERE, model, None, bench.caller)).tip is HIDDEN
+
+
+async def test_a_pushed_pin_whose_tip_is_carried_is_not_dragged(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    _seeing(bench, monkeypatch, AT_TAUGHT, HIDDEN)
+    monkeypatch.setattr(KnownTip, "carried_to", lambda *_: PUSHED)
+    model = probe_model()
+    await bench.station.look_white(HERE, model, None, bench.caller)
+    bench.station.pressing(FreePin(model, (800.0, 600.0), 2.0, 12_000.0))
+    with pytest.raises(Fault) as caught:
+        await bench.station.go(SIDEWAYS, bench.caller)
+    assert caught.value.kind is FaultCode.AXIS_STALLED
+    assert {(to.x_um, to.y_um) for to, _ in bench.gantry.moves} == {(HERE.x_um, HERE.y_um)}
 
 
 async def test_a_target_out_of_reach_is_refused(bench: Bench) -> None:
@@ -330,7 +360,7 @@ class Eyes:
     def __init__(self, monkeypatch: pytest.MonkeyPatch, tip: Any) -> None:
         self.asked: list[tuple[str, Any]] = []
         self.tip, self.seen, self.cross = tip, object(), object()
-        monkeypatch.setattr(module, "find_tip", self._tip)
+        monkeypatch.setattr(tip_search, "find_tip", self._tip)
         monkeypatch.setattr(module, "find_test_points", self._pads)
         monkeypatch.setattr(module, "find_control_point", self._cross)
 

@@ -86,6 +86,7 @@ async def test_each_target_is_searched_in_its_own_light_by_its_nominal_size(worl
     await _see(world, _target(world, "A"))
     await _see(world, _target(world, None))
     assert world.station.searches == [Search(BELOW_PX, 60.0, 250.0 / 12.0), CrossSearch(BELOW_PX, 60.0, 60.0)]
+    assert world.station.measured == [True, True], "a tip carried from another picture is no ground for a calibration"
 
 
 @pytest.mark.parametrize(("visible", "good"), [(MIN_VISIBLE, True), (MIN_VISIBLE - 0.01, False)])
