@@ -7,6 +7,7 @@ surroundings are nowhere else can, and three of them give the pose and the scale
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -20,11 +21,12 @@ from daemon.procedures.look_numbers import describe
 from daemon.procedures.move_sequence import MoveSequence, shifted
 from daemon.procedures.registered import board_search, look_by_cad
 from daemon.procedures.registration_faults import board_away, refusal_fault
+from daemon.procedures.seat_decides import shows_board
 from daemon.storage.calibration_records import Seat, SeatLook
 from drivers.errors import EnvelopeViolation
 from drivers.gantry import Position
 from vision.geometry import Array, PoseMap
-from vision.registration import UNIQUE_SCORE, LayerFit, NotRegistered, Registration, median_shifts
+from vision.registration import UNIQUE_SCORE, LayerFit, NotRegistered, Refusal, Registration, median_shifts
 
 LEAST_PLACES, MOST_PLACES = 3, 4
 LEAST_UNIQUE = 2
@@ -40,6 +42,8 @@ FROM_ASIDE = frozenset({FaultCode.TIP_NOT_FOUND, FaultCode.TARGET_NOT_CONFIRMED}
 ASIDE_UM = ((0.0, 0.0), (500.0, 400.0), (-500.0, -400.0))
 FARTHER_UM = ((2500.0, 2000.0), (-2500.0, -2000.0))
 """For a tip that the ground hides: the body of a part as grey as the needle is not left by half a millimetre."""
+SAME_PLACE_UM = 60.0
+"""So near a place is found again from another head angle; `align` asks as much of each."""
 NAME = "seat"
 
 
@@ -229,18 +233,34 @@ async def _look_from(
     job.note("look", describe(look, None, None) | {"seat_place": point.name})
     tip = require_tip(look)
     await require_free(job, context, pose_map, sequence.go)
+
+    def place_um(target_px: tuple[float, float]) -> Array:
+        from_tip = pose_map.from_tip_um(
+            target_px, (tip.x_px, tip.y_px), position.theta_deg, height_um=search.view.height_um
+        )
+        return np.add(context.geometry.tip_um(position), from_tip)
+
     found = look.board.found if look.board is not None else None
+    if isinstance(found, NotRegistered):
+        found = _as_seen_before(found, seen.views.get(point.name, []), place_um) or found
     if found is None or isinstance(found, NotRegistered):
         raise _unseen(found, point, context)
     if math.hypot(*found.shift_um) > context.servo.max_placement_um:
         raise board_away(point, found.shift_um, "where it should")
-    from_tip = pose_map.from_tip_um(
-        found.target_px, (tip.x_px, tip.y_px), position.theta_deg, height_um=search.view.height_um
-    )
-    seen.views.setdefault(point.name, []).append(np.add(context.geometry.tip_um(position), from_tip))
+    seen.views.setdefault(point.name, []).append(place_um(found.target_px))
     if look.board is not None and look.board.layers is not None:
         seen.layers.append((point.name, look.board.layers))
     return found
+
+
+def _as_seen_before(
+    refused: NotRegistered, before_um: list[Array], place_um: Callable[[tuple[float, float]], Array]
+) -> Registration | None:
+    """Return what a view too poor to say which board this is shows, if a full one had it there from another angle."""
+    best = refused.best
+    if best is None or not before_um or refused.reason is not Refusal.NOT_THIS_BOARD or not shows_board(best):
+        return None
+    return best if math.dist(place_um(best.target_px), before_um[0]) <= SAME_PLACE_UM else None
 
 
 def _unseen(found: NotRegistered | None, point: BoardPoint, context: StationContext) -> Fault:

@@ -68,6 +68,11 @@ def _shows_target(best: Registration) -> bool:
     """
     if best.at_target is None:
         return False
-    near = not best.near.cells or best.near.confirmed >= SHOWN
     there = best.at_target.confirmed >= SHOWN and best.at_target.contradicted <= MOST_CONTRADICTED
-    return near and there and best.agreement >= SHOWN and best.log_odds >= TIE_ODDS
+    return there and shows_board(best)
+
+
+def shows_board(best: Registration) -> bool:
+    """Whether a view too poor to say which board this is shows where it lies, of all places alone."""
+    near = not best.near.cells or best.near.confirmed >= SHOWN
+    return near and best.agreement >= SHOWN and best.log_odds >= TIE_ODDS

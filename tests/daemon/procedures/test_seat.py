@@ -144,6 +144,42 @@ def _turned_at(world: World, hides: set[tuple[float, float]], edit: Callable[[Lo
     world.station.always = turned
 
 
+def _poor(agreement: float, **changes: Any) -> Callable[[LookResult], LookResult]:
+    """A view in which the board is where it is, and too little of it agrees."""
+
+    def edit(look: LookResult) -> LookResult:
+        assert look.board is not None
+        best = replace(look.board.found, agreement=agreement, **changes)  # type: ignore[type-var]
+        refused = NotRegistered(Refusal.NOT_THIS_BOARD, "0.75 agrees (0.75 needed)", best)  # type: ignore[arg-type]
+        return replace(look, board=replace(look.board, found=refused))
+
+    return edit
+
+
+async def test_poor_views_of_where_the_other_angle_has_a_place_count(world: World) -> None:
+    """Each by itself does not say which board this is; a full one of the same place did."""
+    _turned_at(world, {(place.x_um, place.y_um) for place in SEAT}, _poor(0.74))
+    await _align(world)
+    record = _record(world)
+    assert len(record.fiducials) == 4
+    assert record.seat is not None
+    assert record.seat.agreement == 0.74
+
+
+@pytest.mark.parametrize(
+    "poor", [_poor(0.59), _poor(0.74, log_odds=5.0), _poor(0.74, target_px=(1_000.0, 500.0))],
+    ids=["hardly anything agrees", "another place does as well", "elsewhere"],
+)  # fmt: skip
+async def test_poor_views_that_show_less_or_another_place_do_not(world: World, poor: Any) -> None:
+    _turned_at(world, {(place.x_um, place.y_um) for place in SEAT}, poor)
+    assert (await _fault(world)).kind is FaultCode.NOT_THIS_BOARD
+
+
+async def test_a_poor_view_from_the_first_angle_is_refused(world: World) -> None:
+    world.station.always = _poor(0.74)
+    assert (await _fault(world)).kind is FaultCode.NOT_THIS_BOARD
+
+
 async def test_two_of_four_places_that_the_other_angle_hides_are_too_many(world: World) -> None:
     _turned_at(world, {(place.x_um, place.y_um) for place in SEAT[:4:3]}, _hidden)
     assert (await _fault(world)).kind is FaultCode.TIP_NOT_FOUND
