@@ -6,6 +6,7 @@ surroundings are nowhere else can, and three of them give the pose and the scale
 
 from __future__ import annotations
 
+import asyncio
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -39,9 +40,13 @@ CONTRADICTED = frozenset({FaultCode.WRONG_SIDE, FaultCode.BOARD_TURNED})
 """What one poor view may say by mistake where a place that is found once has been seen on this side already."""
 FROM_ASIDE = frozenset({FaultCode.TIP_NOT_FOUND, FaultCode.TARGET_NOT_CONFIRMED})
 """What another ground behind the needle, or another view of the place, may cure."""
-ASIDE_UM = ((0.0, 0.0), (500.0, 400.0), (-500.0, -400.0))
-FARTHER_UM = ((2500.0, 2000.0), (-2500.0, -2000.0))
-"""For a tip that the ground hides: the body of a part as grey as the needle is not left by half a millimetre."""
+MOST_NEAR, MOST_STOPS = 3, 5
+"""From so many stops a place is looked at, and from so many a tip that the ground hides: the body of a part as grey as
+the needle is not left by half a millimetre."""
+ASIDE_UM = (
+    (0.0, 0.0), (500.0, 400.0), (-500.0, -400.0), (1500.0, 0.0), (-1500.0, 0.0), (0.0, 1500.0), (0.0, -1500.0),
+    (2500.0, 2000.0), (-2500.0, -2000.0), (2500.0, -2000.0), (-2500.0, 2000.0),
+)  # fmt: skip
 SAME_PLACE_UM = 60.0
 """So near a place is found again from another head angle; `align` asks as much of each."""
 NAME = "seat"
@@ -143,6 +148,7 @@ async def see_seat(
     """
     seen, context, tries = SeatViews(), sequence.context, 0
     wanted = len(points) if named else MOST_PLACES
+    points = points if named else await asyncio.to_thread(_clear_ones_first, context, points, thetas_deg)
     accepted: list[BoardPoint] = []
     for point in points:
         if len(accepted) == wanted:
@@ -205,12 +211,9 @@ async def _look(
 
     A move that is refused is raised: from no other place will it be allowed.
     """
-    stop = seat_stop(sequence.context, point.place_um, theta_deg)
-    near = [shifted(stop, *by_um) for by_um in ASIDE_UM]
-    farther = [there for there in (shifted(stop, *by_um) for by_um in FARTHER_UM) if _reached(sequence.context, there)]
     unseen: Fault | None = None
-    for there in (*near, *farther):
-        if unseen is not None and unseen.kind is not FaultCode.TIP_NOT_FOUND and there in farther:
+    for tried, there in enumerate(_stops(sequence.context, point, theta_deg)):
+        if tried >= MOST_NEAR and unseen is not None and unseen.kind is not FaultCode.TIP_NOT_FOUND:
             break
         position = await sequence.go(there)
         try:
@@ -222,6 +225,34 @@ async def _look(
             if fault.kind not in FROM_ASIDE:
                 break
     return unseen
+
+
+def _clear_ones_first(
+    context: StationContext, points: list[BoardPoint], thetas_deg: tuple[float, ...]
+) -> list[BoardPoint]:
+    """Return the places in their order, last those that are looked at from above a part alone."""
+
+    def parts_all_over(point: BoardPoint) -> bool:
+        return any(_part_below(context, _stops(context, point, theta_deg)[0]) for theta_deg in thetas_deg)
+
+    return sorted(points, key=parts_all_over)
+
+
+def _stops(context: StationContext, point: BoardPoint, theta_deg: float) -> list[Position]:
+    """Return where to look at a place from: where no part stands below the needle; anywhere, if one does everywhere."""
+    over = seat_stop(context, point.place_um, theta_deg)
+    reached = [there for there in (shifted(over, *by_um) for by_um in ASIDE_UM) if _reached(context, there)]
+    clear = [there for there in reached if not _part_below(context, there)]
+    if clear:
+        return [*clear[:MOST_NEAR], *reversed(clear[MOST_NEAR:])][:MOST_STOPS]
+    return reached[:MOST_NEAR]
+
+
+def _part_below(context: StationContext, stop: Position) -> bool:
+    """Whether a part of the board file may stand below the needle: it comes down lower than many parts are high."""
+    at_um = context.config.board.pose().inverse().apply(context.geometry.tip_um(stop))
+    reach_um = context.servo.max_placement_um
+    return bool(context.references.sides.obstacles.covers_near(at_um - reach_um, at_um + reach_um))
 
 
 async def _look_from(

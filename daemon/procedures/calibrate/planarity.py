@@ -40,6 +40,9 @@ MAX_RMS_UM = 25.0
 """Heights that are farther from any plane are not described by one."""
 DRAWS = 50
 """So often places are drawn before the best spread of them is taken; the last draw is the farthest apart."""
+COVERING, MORE_PADS = 10, 5
+"""So many draws, the last ones, go for the board's corners, and so many of them with two thirds of pads: of six places
+three pads leave a corner of a large board out."""
 BELIEVED_UM = 0.95 * EXTRAPOLATED_UM
 """A little less far is a plane drawn for: where the board really lies the places are not quite these."""
 FAR_UM = 10_000.0
@@ -147,7 +150,7 @@ def choose_places(offered: SurfacePoints, board: Board, count: int, seed: str) -
     ladder = [*([] if far else [()]), *([pads] if pads else []), *([(*pads, *pins)] if pins else [])]
     chosen: list[BoardPoint] = []
     for stand_in in ladder:
-        chosen = _best_draw(chance, flat, stand_in, (*flat, *(stand_in or pads)), board, count)
+        chosen = _best_draw(chance, flat, stand_in, (*flat, *pads, *pins), board, count)
         if sigma_of(chosen, board) <= SURE_WITHIN_UM:
             break
     return chosen
@@ -173,7 +176,11 @@ def _best_draw(
     at_um = corners_um(everywhere.min(axis=0), everywhere.max(axis=0))
     best, best_by = list[BoardPoint](), (True, 0, inf)
     for draw in range(DRAWS):
-        points = _drawn(chance, flat, stand_in, count, apart=draw == DRAWS - 1)
+        left = DRAWS - draw
+        if left in (COVERING, MORE_PADS) and stand_in and best_by[:2] == (False, 0):
+            break  # as many flat points as may be: solder is higher
+        few = count // 3 if left <= MORE_PADS else count // 2
+        points = _drawn(chance, flat, stand_in, count, few=few, covering=left <= COVERING, apart=left == 1)
         touched = np.array([point.place_um for point in points])
         left_out = int((beyond_um(wanted_um, touched) > BELIEVED_UM).sum())
         sigma_um, unsure = plane_sigma_um(touched, at_um), sigma_of(points, board) > SURE_WITHIN_UM
@@ -186,15 +193,39 @@ def _best_draw(
 
 
 def _drawn(
-    chance: random.Random, flat: Sequence[BoardPoint], pads: Sequence[BoardPoint], count: int, *, apart: bool
+    chance: random.Random,
+    flat: Sequence[BoardPoint],
+    pads: Sequence[BoardPoint],
+    count: int,
+    *,
+    few: int,
+    covering: bool,
+    apart: bool,
 ) -> list[BoardPoint]:
-    """Draw so many points by chance, with pads half of them; `apart`: the first one by chance, the others far off."""
+    """Draw so many points by chance; with pads, `few` are flat ones.
+
+    covering: pads as far out as there are any. apart: without pads, the first one by chance, the others far off.
+    """
     if pads:
-        points = chance.sample(flat, min(len(flat), max(count // 2, count - len(pads))))
+        points = chance.sample(flat, min(len(flat), max(few, count - len(pads))))
+        points += _farthest_beyond(pads, points, count - len(points)) if covering else []
         return points + _far_apart(chance.sample(pads, len(pads)), points, count - len(points))
     if not apart:
         return chance.sample(flat, count)
     return _far_apart(chance.sample(flat, len(flat)), (), count)
+
+
+def _farthest_beyond(pads: Sequence[BoardPoint], points: Sequence[BoardPoint], count: int) -> list[BoardPoint]:
+    """Return at most so many pads, each the one that lies farthest beyond all before it; none where none lies far."""
+    found: list[BoardPoint] = []
+    places = np.array([pad.place_um for pad in pads])
+    while len(found) < count:
+        touched = np.array([point.place_um for point in (*points, *found)])
+        beyond = beyond_um(places, touched) if len(touched) else np.full(len(pads), inf)
+        if float(beyond.max()) <= BELIEVED_UM:
+            break
+        found.append(pads[int(beyond.argmax())])
+    return found
 
 
 def _far_apart(pads: Sequence[BoardPoint], points: Sequence[BoardPoint], count: int) -> list[BoardPoint]:

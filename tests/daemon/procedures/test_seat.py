@@ -116,6 +116,24 @@ async def test_a_part_as_grey_as_the_needle_is_looked_past_from_farther_aside(wo
     assert len(_record(world).fiducials) == 4
 
 
+async def test_the_needle_does_not_come_down_where_a_part_stands(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It hovers lower than many parts are high; a place all over which parts stand comes last."""
+    first, second = ((place.x_um, place.y_um) for place in SEAT[:2])
+
+    def covers(low_um: Any, high_um: Any) -> list[object]:
+        x, y = (low_um + high_um) / 2
+        over_first = abs(x - first[0]) < 4_000.0 and abs(y - first[1]) < 4_000.0
+        return [object()] if over_first or (x, y) == pytest.approx(second, abs=100.0) else []
+
+    monkeypatch.setattr(world.context.references.sides.obstacles, "covers_near", covers)
+    await _align(world)
+    assert first not in _places(world)
+    stops = [target for target, _ in world.gantry.moves]
+    on_board = [world.config.board.pose().inverse().apply(world.geometry.tip_um(stop)) for stop in stops]
+    assert not any(covers(at - 1.0, at + 1.0) for at in on_board)
+    assert second in _places(world), "it is looked at from beside"
+
+
 @pytest.mark.parametrize("poor", ["hidden", Refusal.NOT_THIS_BOARD, Refusal.BOARD_TURNED])
 async def test_a_place_that_the_other_angle_hides_is_left_out_of_both(world: World, poor: str | Refusal) -> None:
     """It should not end an alignment that has enough places; half of one would pull the fit aside."""

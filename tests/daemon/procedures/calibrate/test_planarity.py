@@ -334,6 +334,29 @@ def test_pads_of_parts_stand_in_where_flat_points_are_far_away() -> None:
     assert max(away_um) < 20_000.0
 
 
+@pytest.mark.parametrize("seed", [f"job-{n}" for n in range(10)])
+def test_six_places_leave_no_corner_of_a_large_board_out(seed: str) -> None:
+    """Three pads beside three flat points in the middle cover three corners: a ninth of the points was not tested."""
+    flat = _points("site", *((30_000.0 + 3_000.0 * k, 22_000.0 + 2_000.0 * (k % 3)) for k in range(7)))
+    chosen = choose_places(SurfacePoints(flat, ALL_OVER), BOARD, 6, seed)
+    assert len(chosen) == 6
+    everything = np.array([point.place_um for point in (*flat, *ALL_OVER)])
+    assert beyond_um(everything, np.array([point.place_um for point in chosen])).max() <= EXTRAPOLATED_UM
+
+
+@pytest.mark.parametrize("seed", [f"job-{n}" for n in range(10)])
+def test_rows_of_pins_that_are_probed_are_not_left_out_where_pads_are_near(seed: str) -> None:
+    """A header at the board's edge is probed by the same plane, though nobody touches it to measure the surface."""
+    flat = _points("site", *((x, y) for x in (4_000.0, 20_000.0, 36_000.0) for y in (4_000.0, 20_000.0)))
+    pads = _points("pad", *((x * 1_000.0, y * 1_000.0) for x in range(0, 56, 4) for y in range(0, 24, 4)))
+    pins = _points("pin", *((60_000.0, 2_540.0 * k) for k in range(8)))
+    small = BOARD.model_copy(update={"height_um": 25_000.0})
+    chosen = choose_places(SurfacePoints(flat, pads, pins), small, 6, seed)
+    assert not any(point.kind == "pin" for point in chosen)
+    places = np.array([point.place_um for point in pins])
+    assert beyond_um(places, np.array([point.place_um for point in chosen])).max() <= EXTRAPOLATED_UM
+
+
 def test_pads_of_parts_are_left_alone_where_flat_points_are_near() -> None:
     flat = _points("site", *((x, y) for x in (2_000.0, 6_000.0) for y in (2_000.0, 6_000.0)))
     near = _points("pad", *((x * 1_000.0, y * 1_000.0) for x in range(8) for y in range(8)))
