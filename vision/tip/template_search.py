@@ -23,8 +23,8 @@ MOST_MATCHES, WORSE = 3, 0.2
 """A busy background can look more like the template than the probe before it does: other places are kept in hand."""
 BORDER_PX = 2.0
 """The border of the probe is left out as well: the lens mixes it with the ground, and the place is a guess."""
-NEAR_PX, FINE_TURN_DEG = 6, 1.0
-"""The full size is searched so far about what the shrunk one gave."""
+NEAR_PX, MOST_RECENTRED, _FINE_STEPS_DEG = 6, 4, (-1.0, 0.0, 1.0)
+"""The full size is searched so far about what the shrunk one gave, in turns about the best one."""
 APART = 2
 """Places closer than this, in shrunk pixels, are one and the same."""
 
@@ -94,11 +94,14 @@ def place(plane: Gray, model: ProbeModel, origin: tuple[int, int], match: Templa
     The marking is far from the end, so that a degree of turn is pixels there: the turn is refined as well.
     """
     turn = float(np.degrees(match.angle_rad - model.angle_rad))
-    tried = [_place_turned(plane, model, origin, match, turn + step) for step in (-FINE_TURN_DEG, 0.0, FINE_TURN_DEG)]
-    k = max(range(3), key=lambda n: tried[n].score)
+    for _ in range(MOST_RECENTRED):
+        tried = [_place_turned(plane, model, origin, match, turn + step) for step in _FINE_STEPS_DEG]
+        k = max(range(len(tried)), key=lambda n: tried[n].score)
+        if k == 1:
+            break
+        turn += _FINE_STEPS_DEG[k]
     best, off = tried[k], parabola(np.array([one.score for one in tried], dtype=np.float32), k)
-    beside = tried[k + 1] if off > 0.0 else tried[k - 1]
-    share = abs(off) if k == 1 else 0.0
+    beside, share = (tried[k + 1], off) if off > 0.0 else (tried[k - 1], -off)
     return TemplateMatch(
         best.x_px + share * (beside.x_px - best.x_px),
         best.y_px + share * (beside.y_px - best.y_px),

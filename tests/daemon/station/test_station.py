@@ -212,6 +212,24 @@ async def test_a_tip_that_is_carried_to_where_the_ground_hides_it_puts_no_needle
     assert (await bench.station.look_white(HERE, model, None, bench.caller)).tip is HIDDEN
 
 
+@pytest.mark.parametrize("measured", [False, True])
+@pytest.mark.parametrize("white_only", [False, True])
+async def test_a_look_for_a_calibration_has_the_tip_measured(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, measured: bool, white_only: bool
+) -> None:
+    _seeing(bench, monkeypatch, AT_TAUGHT, HIDDEN)
+    monkeypatch.setattr(KnownTip, "carried_to", lambda *_: AT_TAUGHT)
+    monkeypatch.setattr("daemon.station.station.find_test_points", lambda *_a, **_k: object())
+    model = probe_model()
+    await bench.station.look_white(HERE, model, None, bench.caller)
+    look: Any
+    if white_only:
+        look = await bench.station.look_white(HERE, model, None, bench.caller, measured=measured)
+    else:
+        look = await bench.station.look(HERE, model, ANYWHERE, bench.caller, measured=measured)
+    assert look.tip is (HIDDEN if measured else AT_TAUGHT)
+
+
 async def test_a_pushed_pin_whose_tip_is_carried_is_not_dragged(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     _seeing(bench, monkeypatch, AT_TAUGHT, HIDDEN)
     monkeypatch.setattr(KnownTip, "carried_to", lambda *_: PUSHED)

@@ -50,6 +50,22 @@ def test_before_any_ground_it_is_where_the_marking_shows_it(model: ProbeModel, k
     assert np.abs(np.array(errors) / np.array(sigmas)).max() < 3.0, "its sigma should be honest"
 
 
+@pytest.mark.parametrize("stands_deg", [-1.5, -1.0, 0.0, 1.0, 1.5])
+@pytest.mark.parametrize("turn_deg", [-0.3, 0.3])
+def test_a_small_turn_is_followed_wherever_the_needle_stands(
+    model: ProbeModel, stands_deg: float, turn_deg: float
+) -> None:
+    """The marking is far from the end: a third of a degree there is most of a pixel here."""
+    before = replace(NEAR, angle_deg=AXIS_DEG + stands_deg)
+    known = known_of(model, before)
+    assert known is not None
+    now = replace(before, angle_deg=before.angle_deg + turn_deg)
+    tip = known.carried_to(bright_frame("grey", now, Camera(), 5))
+    assert tip is not None
+    assert np.abs(off_px(tip, now)).max() < 0.4
+    assert np.degrees(tip.angle_rad - known.tip.angle_rad) == pytest.approx(turn_deg, abs=0.15)
+
+
 def test_it_is_carried_to_where_no_tip_can_be_measured(model: ProbeModel) -> None:
     """Before a body as grey as the metal, from above the marking on."""
     known, hidden = known_of(model, NEAR), 0
