@@ -78,7 +78,7 @@ def remember_free(context: StationContext, tip: Tip, above: Position, pose_map: 
     """Have the station remember where the free tip is seen: from now on the pin may be pushed in."""
     model = context.calibrations.require_probe()
     free = FreePin.by_map(pose_map, model, (tip.x_px, tip.y_px), FREE_WITHIN_UM, above.z_um)
-    context.station.pressing(free)
+    context.station.pressing(replace(free, by_marking=tip.by_marking))
 
 
 def contact_facts(

@@ -94,7 +94,9 @@ class SurfaceSearch:
     def _free_pin(self, above: Position, free: Array) -> FreePin:
         """Return what a lift is judged by: a push that can be told at all."""
         model = self._sequence.context.calibrations.require_probe()
-        return FreePin.by_map(self._map, model, (float(free[0]), float(free[1])), LEAST_PUSH_UM, above.z_um)
+        free_pin = FreePin.by_map(self._map, model, (float(free[0]), float(free[1])), LEAST_PUSH_UM, above.z_um)
+        look = self._sequence.job.last_look
+        return replace(free_pin, by_marking=look is not None and bool(look.tip) and require_tip(look).by_marking)
 
     async def _search(self, above: Position, free: Array) -> Push:
         """Go down by less than half a press at a time until the pin is pushed, then by half a press once more.

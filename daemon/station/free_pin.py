@@ -31,6 +31,10 @@ class FreePin:
     """Z at which it was seen free."""
     push_px: tuple[float, float] | None = None
     """Which way a push takes it, of length 1; None: a tip that is off in any direction is not free."""
+    roughly_px: float = 0.0
+    """The same as `within_px` for a tip that the ground hid, then or now: by its marking it is known less well."""
+    by_marking: bool = False
+    """Whether it was so known when it was seen free."""
 
     @classmethod
     def by_map(
@@ -38,7 +42,7 @@ class FreePin:
     ) -> FreePin:
         """Return the place of a tip from which a push of `push_um` would take it away in the picture."""
         per_um = float(np.linalg.norm(pose_map.below_tip_px)) / pose_map.hover_um
-        return cls(model, tip_px, push_um * per_um, z_um)
+        return cls(model, tip_px, push_um * per_um, z_um, roughly_px=FLEX_WITHIN_UM * per_um)
 
     @classmethod
     def taught(cls, model: ProbeModel, pose_map: PoseMap, z_um: float) -> FreePin:
@@ -51,6 +55,11 @@ class FreePin:
         free = cls.by_map(pose_map, model, model.tip_px, LOST_STEPS_UM, z_um)
         x_px, y_px = -np.array(pose_map.below_tip_px) / np.linalg.norm(pose_map.below_tip_px)
         return replace(free, push_px=(float(x_px), float(y_px)))
+
+    def shows_free(self, tip: Tip) -> bool:
+        """Whether a tip is so near to its free place that nothing pushes it."""
+        rough = self.by_marking or tip.by_marking
+        return self.off_px(tip) <= (max(self.within_px, self.roughly_px) if rough else self.within_px)
 
     def off_px(self, tip: Tip) -> float:
         """Return how far a tip is from its free place, the way that a push takes it."""

@@ -204,7 +204,7 @@ class Station:
         a touch sense is fitted it is to agree.
         """
         free = self.needle.free_pin
-        if free is None or position.z_um < free.z_um - SAME_PLACE_UM or free.off_px(tip) > free.within_px:
+        if free is None or position.z_um < free.z_um - SAME_PLACE_UM or not free.shows_free(tip):
             return
         if not self.has_sense or not await self.senses_metal(caller):
             self.needle.free_pin = None
@@ -230,7 +230,7 @@ class Station:
             if not isinstance(tip, Tip):
                 continue  # a glint may hide it in one picture
             off_px = free.off_px(tip)
-            if off_px <= free.within_px:
+            if free.shows_free(tip):
                 await self.refuse_metal(caller)
                 self.needle.free_pin = None
                 return

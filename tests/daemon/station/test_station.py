@@ -242,6 +242,27 @@ async def test_a_pushed_pin_whose_tip_is_carried_is_not_dragged(bench: Bench, mo
     assert {(to.x_um, to.y_um) for to, _ in bench.gantry.moves} == {(HERE.x_um, HERE.y_um)}
 
 
+@pytest.mark.parametrize(
+    ("then", "now", "off_px", "goes"),
+    [(False, False, 2.5, False), (True, False, 2.5, True), (False, True, 2.5, True), (True, True, 4.0, False)],
+)
+async def test_a_tip_known_by_its_marking_is_free_within_what_that_tells(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, then: bool, now: bool, off_px: float, goes: bool
+) -> None:
+    """It tells to 2 px, and a pin that was not lifted stands 13 px off: the first must not be called a stalled Z."""
+    seen = replace(found_tip(800.0 + off_px, 600.0), by_marking=now)
+    _seeing(bench, monkeypatch, seen)
+    free = FreePin(probe_model(), (800.0, 600.0), 1.7, 12_000.0, roughly_px=3.4, by_marking=then)
+    bench.station.pressing(free)
+    if goes:
+        await bench.station.go(SIDEWAYS, bench.caller)
+        assert bench.station.needle.free_pin is None
+        return
+    with pytest.raises(Fault) as caught:
+        await bench.station.go(SIDEWAYS, bench.caller)
+    assert caught.value.kind is FaultCode.AXIS_STALLED
+
+
 async def test_a_target_out_of_reach_is_refused(bench: Bench) -> None:
     outside = replace(HERE, x_um=-1.0)
     with pytest.raises(EnvelopeViolation):
