@@ -128,7 +128,7 @@ def without(sheet: Sheet, hidden: Mask) -> Sheet:
 
 def _some(where: Mask) -> Cells:
     cells = np.flatnonzero(where)
-    # A copy: a view of every so-manieth would keep all of them
+    # A copy: a view of each tenth would keep them all
     return np.array(cells[:: max(1, len(cells) // MOST_CELLS)], dtype=np.intp)
 
 
