@@ -244,6 +244,7 @@ def _stops(context: StationContext, point: BoardPoint, theta_deg: float) -> list
     reached = [there for there in (shifted(over, *by_um) for by_um in ASIDE_UM) if _reached(context, there)]
     clear = [there for there in reached if not _part_below(context, there)]
     if clear:
+        # The farthest before what lies between: a body that hides the tip from near hides it from there too
         return [*clear[:MOST_NEAR], *reversed(clear[MOST_NEAR:])][:MOST_STOPS]
     return reached[:MOST_NEAR]
 

@@ -22,6 +22,7 @@ from daemon.procedures.move_sequence import MoveSequence, shifted
 from daemon.procedures.touch_sense import refuse_closed_sense
 from daemon.station.free_pin import FreePin
 from drivers.gantry import Position
+from vision import Tip
 from vision.geometry import Array, PoseMap
 
 LOOKS = 2
@@ -71,9 +72,10 @@ class SurfaceSearch:
         """
         sequence, station = self._sequence, self._sequence.context.station
         above = replace(place, z_um=self._config.gantry.free_z_um)
-        free = await tip_px(sequence, await sequence.go(above))
+        tips = await tips_at(sequence, await sequence.go(above))
+        free = mean_px(tips)
         await refuse_closed_sense(sequence.job, sequence.context, seen_free=True)
-        station.pressing(self._free_pin(above, free))
+        station.pressing(self._free_pin(above, tips))
         self._never_free_there = False
         try:
             push = await self._search(above, free)
@@ -91,12 +93,11 @@ class SurfaceSearch:
         await station.see_lifted(sequence.job)
         return push
 
-    def _free_pin(self, above: Position, free: Array) -> FreePin:
+    def _free_pin(self, above: Position, tips: Sequence[Tip]) -> FreePin:
         """Return what a lift is judged by: a push that can be told at all."""
-        model = self._sequence.context.calibrations.require_probe()
-        free_pin = FreePin.by_map(self._map, model, (float(free[0]), float(free[1])), LEAST_PUSH_UM, above.z_um)
-        look = self._sequence.job.last_look
-        return replace(free_pin, by_marking=look is not None and bool(look.tip) and require_tip(look).by_marking)
+        model, (x_px, y_px) = self._sequence.context.calibrations.require_probe(), mean_px(tips)
+        free = FreePin.by_map(self._map, model, (float(x_px), float(y_px)), LEAST_PUSH_UM, above.z_um)
+        return replace(free, by_marking=any(tip.by_marking for tip in tips))
 
     async def _search(self, above: Position, free: Array) -> Push:
         """Go down by less than half a press at a time until the pin is pushed, then by half a press once more.
@@ -217,14 +218,23 @@ async def card_height_um(sequence: MoveSequence, pose_map: PoseMap, over: Positi
 
 
 async def tip_px(sequence: MoveSequence, position: Position, *, measured: bool = False) -> Array:
-    """Return where the tip is in the image, px (2,), mean of a few; `measured`: as in `Station.look`."""
+    """Return where the tip is in the image, px (2,), mean of a few looks; `measured`: as in `Station.look`."""
+    return mean_px(await tips_at(sequence, position, measured=measured))
+
+
+async def tips_at(sequence: MoveSequence, position: Position, *, measured: bool = False) -> list[Tip]:
+    """Look at the tip a few times; raise `Fault` where a look does not show it."""
     context, job = sequence.context, sequence.job
     probe = context.calibrations.require_probe()
     found = []
     for _ in range(LOOKS):
         look = await context.station.look_white(position, probe, None, job, measured=measured)
         job.saw(look)
-        tip = require_tip(look)
-        found.append((tip.x_px, tip.y_px))
-    mean: Array = np.array(found).mean(axis=0)
+        found.append(require_tip(look))
+    return found
+
+
+def mean_px(tips: Sequence[Tip]) -> Array:
+    """Return the mean place of tips, px (2,)."""
+    mean: Array = np.array([(tip.x_px, tip.y_px) for tip in tips]).mean(axis=0)
     return mean

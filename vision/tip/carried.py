@@ -3,7 +3,7 @@
 The needle is the same from look to look, and rides with the camera. Where it stands before a part's body as grey as
 its metal, its marking and the light on it still show by how much it has moved in the picture since it was measured
 whole; the tip has moved with them. What lies below the marking is compared too: a needle that was bent in between is
-none that was measured. A point that broke off is not seen, so whoever carries a tip does so for a short while only.
+none that was measured. A point that broke off in between does not show, so a tip is to be carried for a short while.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ ALONG_PX, ACROSS_PX = 0.35, 0.8
 needle: 0.2 px where none has, 1.5 px where one has by three degrees."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class KnownTip:
     """A tip, the model it was found by, and the part of the picture it was measured in."""
 

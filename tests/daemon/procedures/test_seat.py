@@ -7,20 +7,24 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from daemon.domain.board import SeatPlace
 from daemon.domain.errors import Fault, FaultCode
 from daemon.procedures.registry import PROCEDURES
+from daemon.procedures.seat import SeatViews
 from daemon.station.board_view import BoardSearch
 from daemon.station.free_pin import FreePin
 from daemon.station.station import LOOKS_FOR_FREE, LookResult
-from daemon.storage.calibration_records import AlignmentRecord
+from daemon.storage.calibration_records import AlignmentRecord, SeatLook
+from drivers.errors import EnvelopeViolation
+from drivers.gantry import Position
 from tests.daemon.procedures.cad_board import cad_board, cad_pad
 from tests.daemon.procedures.fake_station import Ran, World, run
 from vision import NotFound, Reason
 from vision.geometry.frames import Rigid2
-from vision.registration import NotRegistered, Refusal
+from vision.registration import LayerFit, LayerShifts, NotRegistered, Refusal
 
 SEAT = tuple(
     SeatPlace(x_um=x, y_um=y, rival=0.5)
@@ -196,6 +200,48 @@ async def test_poor_views_that_show_less_or_another_place_do_not(world: World, p
 async def test_a_poor_view_from_the_first_angle_is_refused(world: World) -> None:
     world.station.always = _poor(0.74)
     assert (await _fault(world)).kind is FaultCode.NOT_THIS_BOARD
+
+
+def test_a_place_that_is_left_out_takes_all_that_it_told_along() -> None:
+    """What its looks said of ink and openings would still go into the board's."""
+    shifts = LayerShifts((100.0, 0.0), (50.0, 0.0))
+    seen = SeatViews()
+    for n, name in enumerate(("seat 1", "seat 2")):
+        seen.views[name] = [np.array([n * 1_000.0, 0.0])]
+        seen.layers.append((name, LayerFit(shifts if n == 0 else LayerShifts(), 5.0, 5.0)))
+        seen.looks.append(SeatLook(name=name, board_um=(0.0, 0.0), theta_deg=0.0, agreement=1.0 - 0.1 * n,
+                                   log_odds=9.0, turn_deg=0.0, rival=0.1))  # fmt: skip
+    seen.leave_out("seat 1")
+    assert list(seen.views) == ["seat 2"]
+    assert [look.name for look in seen.looks] == ["seat 2"]
+    assert seen.seat().ink_um == (0.0, 0.0)
+
+
+async def test_only_a_hidden_tip_is_looked_for_from_far_aside(world: World) -> None:
+    """A target that does not show is looked at from three stops: another view from afar would not bring it back."""
+    unsure = _refused(Refusal.TARGET_NOT_CONFIRMED)
+    world.station.script = dict.fromkeys(range(1, 4), unsure)
+    await _align(world)
+    places = _places(world)
+    assert places[:3] == [places[0]] * 3
+    assert places[3] != places[0]
+
+
+async def test_no_stop_aside_is_out_of_reach(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    check, over = world.station.check, world.geometry.position_over((SEAT[0].x_um, SEAT[0].y_um), 0.0)
+
+    def beside(stop: Position) -> tuple[float, float]:
+        return abs(stop.x_um - over.x_um), abs(stop.y_um - over.y_um)
+
+    def narrow(target: Position) -> None:
+        if 1_000.0 < max(beside(target)) < 3_000.0:
+            raise EnvelopeViolation("out of reach", device="gantry")
+        check(target)
+
+    monkeypatch.setattr(world.station, "check", narrow)
+    world.station.script = dict.fromkeys((1, 2, 3), _hidden)
+    await _align(world)
+    assert not any(1_000.0 < max(beside(target)) < 3_000.0 for target, _ in world.gantry.moves)
 
 
 async def test_two_of_four_places_that_the_other_angle_hides_are_too_many(world: World) -> None:

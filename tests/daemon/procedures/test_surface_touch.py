@@ -18,11 +18,14 @@ from daemon.procedures.surface_touch import (
     CARD_PLACES_UM,
     LEAST_PUSH_UM,
     LIKELY,
+    LOOKS,
     Push,
     SurfaceSearch,
     card_height_um,
     heights_um,
+    tip_px,
 )
+from daemon.station.free_pin import FreePin
 from daemon.station.needle import Needle
 from drivers.errors import Stalled
 from drivers.gantry import Position
@@ -330,3 +333,24 @@ async def test_each_touched_place_is_counted_once_wherever_the_surface_lies(worl
         await search.press(shifted(place, dx_um=3_000.0 * n))
     await sequence.job.settle()
     assert len(touches) == 3
+
+
+@pytest.mark.parametrize("carried", [set(), {1}, {2}, {1, 2}])
+async def test_a_lift_is_judged_by_how_well_the_free_tip_was_known(world: World, carried: set[int]) -> None:
+    """One of its looks by the marking alone is enough to know it less well."""
+    sequence, kept = _sequence(world), list[FreePin]()
+    world.station.script = {
+        n: lambda look: replace(look, tip=replace(look.tip, by_marking=True))  # type: ignore[type-var]
+        for n in carried
+    }
+    pressing = world.station.pressing
+    world.station.pressing = lambda free: (kept.append(free), pressing(free))[1]  # type: ignore[method-assign]
+    await _press(world, sequence)
+    assert kept[0].by_marking is bool(carried)
+
+
+@pytest.mark.parametrize("measured", [True, False])
+async def test_the_tip_is_measured_where_a_calibration_asks_for_it(world: World, measured: bool) -> None:
+    sequence = _sequence(world)
+    await tip_px(sequence, world.gantry.actual, measured=measured)
+    assert world.station.measured == [measured] * LOOKS

@@ -126,6 +126,14 @@ async def test_the_answer_and_the_record_carry_what_was_seen(world: World) -> No
         assert seen.target_px == pytest.approx(tuple(px), abs=1e-6)
 
 
+async def test_every_look_of_the_walk_has_the_tip_measured(tmp_path: Path) -> None:
+    """A tip that is carried from another picture is no ground for a map, nor for how far a lift shifts it."""
+    world = World(tmp_path, a_board(("A", 10_000.0, 5_000.0)), {}).teach()
+    await _map(world)
+    assert len(world.station.measured) > 20
+    assert all(world.station.measured)
+
+
 async def test_a_target_off_its_place_is_walked_round_where_it_lies(world: World) -> None:
     world.true_pose = replace(world.true_pose, tx_um=60_280.0, ty_um=39_810.0)
     ran = await _map(world)
