@@ -10,6 +10,7 @@ import asyncio
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -22,11 +23,11 @@ from daemon.procedures.look_numbers import describe
 from daemon.procedures.move_sequence import MoveSequence, shifted
 from daemon.procedures.registered import board_search, look_by_cad
 from daemon.procedures.registration_faults import board_away, refusal_fault
-from daemon.procedures.seat_decides import shows_board
+from daemon.procedures.seat_decides import shows_place
 from daemon.storage.calibration_records import Seat, SeatLook
 from drivers.errors import EnvelopeViolation
 from drivers.gantry import Position
-from vision.geometry import Array, PoseMap
+from vision.geometry import Array, PoseMap, require_span
 from vision.registration import UNIQUE_SCORE, LayerFit, NotRegistered, Refusal, Registration, median_shifts
 
 LEAST_PLACES, MOST_PLACES = 3, 4
@@ -50,6 +51,7 @@ ASIDE_UM = (
 SAME_PLACE_UM = 60.0
 """So near a place is found again from another head angle; `align` asks as much of each."""
 NAME = "seat"
+Placed = TypeVar("Placed", SeatPlace, BoardPoint)
 
 
 @dataclass
@@ -107,7 +109,7 @@ async def seat_points(context: StationContext, thetas_deg: tuple[float, ...]) ->
     ]
 
 
-def _spread(places: list[SeatPlace]) -> list[SeatPlace]:
+def _spread(places: list[Placed]) -> list[Placed]:
     """Return the most unique place, then always the one farthest from those before it."""
     order, rest = places[:1], places[1:]
     while rest:
@@ -192,7 +194,8 @@ async def _see_turned(
             unseen = await _look(sequence, seen, point, theta_deg, pose_map, named=named)
             if unseen is not None:
                 spare -= 1
-                if spare < 0 or unseen.kind not in ANOTHER_MAY_DO | CONTRADICTED:
+                rest = [one for one in accepted if one is not point]
+                if spare < 0 or unseen.kind not in ANOTHER_MAY_DO | CONTRADICTED or not _span(rest):
                     raise unseen
                 accepted.remove(point)
                 seen.leave_out(point.name)
@@ -230,12 +233,25 @@ async def _look(
 def _clear_ones_first(
     context: StationContext, points: list[BoardPoint], thetas_deg: tuple[float, ...]
 ) -> list[BoardPoint]:
-    """Return the places in their order, last those that are looked at from above a part alone."""
+    """Return the places, last those that are looked at from above a part alone, if the first ones do without them."""
 
     def parts_all_over(point: BoardPoint) -> bool:
         return any(_part_below(context, _stops(context, point, theta_deg)[0]) for theta_deg in thetas_deg)
 
-    return sorted(points, key=parts_all_over)
+    clear = [point for point in points if not parts_all_over(point)]
+    first = _spread(clear)
+    if len(clear) < MOST_PLACES or not _span(first[:MOST_PLACES]):
+        return points
+    return first + [point for point in points if point not in clear]
+
+
+def _span(points: list[BoardPoint]) -> bool:
+    """Whether the board's place and turn can be told from these."""
+    try:
+        require_span(np.array([point.place_um for point in points]), SAME_PLACE_UM)
+    except ValueError:
+        return False
+    return True
 
 
 def _stops(context: StationContext, point: BoardPoint, theta_deg: float) -> list[Position]:
@@ -274,7 +290,10 @@ async def _look_from(
 
     found = look.board.found if look.board is not None else None
     if isinstance(found, NotRegistered):
-        found = _as_seen_before(found, seen.views.get(point.name, []), place_um) or found
+        counts = _as_seen_before(found, seen.views.get(point.name, []), place_um)
+        if counts is not None:
+            job.note("seat", {"seat_place": point.name, "counts_by": "another angle", "refused": str(found.reason)})
+            found = counts
     if found is None or isinstance(found, NotRegistered):
         raise _unseen(found, point, context)
     if math.hypot(*found.shift_um) > context.servo.max_placement_um:
@@ -290,7 +309,7 @@ def _as_seen_before(
 ) -> Registration | None:
     """Return what a view too poor to say which board this is shows, if a full one had it there from another angle."""
     best = refused.best
-    if best is None or not before_um or refused.reason is not Refusal.NOT_THIS_BOARD or not shows_board(best):
+    if best is None or not before_um or refused.reason is not Refusal.NOT_THIS_BOARD or not shows_place(best):
         return None
     return best if math.dist(place_um(best.target_px), before_um[0]) <= SAME_PLACE_UM else None
 

@@ -69,10 +69,14 @@ def _shows_target(best: Registration) -> bool:
     if best.at_target is None:
         return False
     there = best.at_target.confirmed >= SHOWN and best.at_target.contradicted <= MOST_CONTRADICTED
-    return there and shows_board(best)
+    return there and _shows_board(best)
 
 
-def shows_board(best: Registration) -> bool:
-    """Whether a view too poor to say which board this is shows where it lies, of all places alone."""
+def shows_place(best: Registration) -> bool:
+    """Whether such a view shows its place: the target if one was asked for, else the metal edges near."""
+    return _shows_board(best) and best.near.cells > 0 if best.at_target is None else _shows_target(best)
+
+
+def _shows_board(best: Registration) -> bool:
     near = not best.near.cells or best.near.confirmed >= SHOWN
     return near and best.agreement >= SHOWN and best.log_odds >= TIE_ODDS

@@ -15,6 +15,8 @@ from vision.geometry import PoseMap
 
 FLEX_WITHIN_UM = 80.0
 """By so much of a push camera and needle may flex from stop to stop: 3.5 sigma."""
+BY_MARKING_PX = 1.4
+"""So much less well is a tip known along itself, then or now, by its marking alone: four sigma."""
 LOST_STEPS_UM = 240.0
 """So much where no board can be is a Z that stands lower than it counts, or a needle that is not the taught one."""
 
@@ -31,8 +33,8 @@ class FreePin:
     """Z at which it was seen free."""
     push_px: tuple[float, float] | None = None
     """Which way a push takes it, of length 1; None: a tip that is off in any direction is not free."""
-    roughly_px: float = 0.0
-    """The same as `within_px` for a tip that the ground hid, then or now: by its marking it is known less well."""
+    away_px: tuple[float, float] | None = None
+    """The same, of a tip that is known by its marking alone: across, it is known less well."""
     by_marking: bool = False
     """Whether it was so known when it was seen free."""
 
@@ -41,8 +43,10 @@ class FreePin:
         cls, pose_map: PoseMap, model: ProbeModel, tip_px: tuple[float, float], push_um: float, z_um: float
     ) -> FreePin:
         """Return the place of a tip from which a push of `push_um` would take it away in the picture."""
-        per_um = float(np.linalg.norm(pose_map.below_tip_px)) / pose_map.hover_um
-        return cls(model, tip_px, push_um * per_um, z_um, roughly_px=FLEX_WITHIN_UM * per_um)
+        lift_px = float(np.linalg.norm(pose_map.below_tip_px))
+        x_px, y_px = -np.array(pose_map.below_tip_px) / lift_px
+        per_um = lift_px / pose_map.hover_um
+        return cls(model, tip_px, push_um * per_um, z_um, away_px=(float(x_px), float(y_px)))
 
     @classmethod
     def taught(cls, model: ProbeModel, pose_map: PoseMap, z_um: float) -> FreePin:
@@ -53,17 +57,19 @@ class FreePin:
     def where_no_board_is(cls, model: ProbeModel, pose_map: PoseMap, z_um: float) -> FreePin:
         """Return the same for a height that no board reaches: only a large push counts there, and no flex does."""
         free = cls.by_map(pose_map, model, model.tip_px, LOST_STEPS_UM, z_um)
-        x_px, y_px = -np.array(pose_map.below_tip_px) / np.linalg.norm(pose_map.below_tip_px)
-        return replace(free, push_px=(float(x_px), float(y_px)))
+        return replace(free, push_px=free.away_px)
 
     def shows_free(self, tip: Tip) -> bool:
         """Whether a tip is so near to its free place that nothing pushes it."""
-        rough = self.by_marking or tip.by_marking
-        return self.off_px(tip) <= (max(self.within_px, self.roughly_px) if rough else self.within_px)
+        if (self.by_marking or tip.by_marking) and self.away_px is not None:
+            return self._along_px(tip, self.away_px) <= self.within_px + BY_MARKING_PX
+        return self.off_px(tip) <= self.within_px
 
     def off_px(self, tip: Tip) -> float:
         """Return how far a tip is from its free place, the way that a push takes it."""
-        x_px, y_px = tip.x_px - self.tip_px[0], tip.y_px - self.tip_px[1]
         if self.push_px is None:
-            return math.hypot(x_px, y_px)
-        return max(0.0, x_px * self.push_px[0] + y_px * self.push_px[1])
+            return math.hypot(tip.x_px - self.tip_px[0], tip.y_px - self.tip_px[1])
+        return self._along_px(tip, self.push_px)
+
+    def _along_px(self, tip: Tip, way: tuple[float, float]) -> float:
+        return max(0.0, (tip.x_px - self.tip_px[0]) * way[0] + (tip.y_px - self.tip_px[1]) * way[1])

@@ -1,6 +1,6 @@
 """Transforms, maps and cameras: from pixels to micrometres."""
 
-from vision.geometry.board_alignment import Alignment, align
+from vision.geometry.board_alignment import Alignment, align, require_span
 from vision.geometry.camera_model import Extrinsics, Intrinsics, Plane, back_project, project
 from vision.geometry.constellation import ConstellationMatch, match_near, match_target
 from vision.geometry.extrinsics import ExtrinsicsFit, fit_extrinsics
@@ -35,6 +35,7 @@ __all__ = [
     "match_near",
     "match_target",
     "project",
+    "require_span",
     "rotation",
     "worst_shrink",
 ]

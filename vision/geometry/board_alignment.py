@@ -97,7 +97,7 @@ def align(
     board, robot = _check_pairs(board_um, robot_um, names)
     if not (max_residual_um > 0.0 and max_scale_error > 0.0 and 0.0 <= least_scatter_um < math.inf):
         raise ValueError("max_residual_um and max_scale_error must be greater than 0, least_scatter_um not negative")
-    _check_spread(board, max_residual_um)
+    require_span(board, max_residual_um)
     limits = _Limits(max_residual_um, max_scale_error)
     pose = fit_similarity(board, robot)
     if not limits.keeps(pose, board, robot):
@@ -133,8 +133,8 @@ def _check_pairs(board_um: ArrayLike, robot_um: ArrayLike, names: Sequence[str])
     return board, robot
 
 
-def _check_spread(board: Array, max_residual_um: float) -> None:
-    """Refuse fiducials from which the turn, or the side, cannot be told."""
+def require_span(board: Array, max_residual_um: float) -> None:
+    """Raise ValueError for places (N, 2), um, from which the turn, or the side, cannot be told."""
     baseline = max(math.dist(a, b) for a, b in combinations(board, 2))
     if baseline < LEAST_BASELINE_RESIDUALS * max_residual_um:
         raise ValueError(

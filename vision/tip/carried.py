@@ -17,10 +17,8 @@ import numpy as np
 from vision.core import Gray, check_bgr, despike, gray
 from vision.tip.find import Tip
 from vision.tip.probe_model import ProbeModel
-from vision.tip.template_search import TemplateMatch, end_beside_whole, place, region, search
+from vision.tip.template_search import TAUGHT_SCORE, TemplateMatch, end_beside_whole, place, region, search
 
-LEAST_SCORE = 0.95
-"""Correlation with the golden template: before any ground the taught needle comes to 0.97 and more, none to 0.62."""
 MOST_TURN_DEG, MOST_ASIDE_PX, MOST_BEND_PX = 0.5, 4.0, 0.5
 """By so much it may seem turned, moved across itself, and bent, the middle of what lies below the marking, since it was
 measured; camera and head flex by less."""
@@ -76,7 +74,7 @@ class KnownTip:
         """Return where the needle shows, and where its end does beside it; None where it does not."""
         clean, origin = despike(part), region(self.model)[:2]
         seen = place(clean, self.model, origin, search(clean, self.model, origin)[0])
-        if seen.score < LEAST_SCORE:
+        if seen.score < TAUGHT_SCORE:
             return None
         turn_deg = round(float(np.degrees(self.tip.angle_rad - self.model.angle_rad)))
         return seen, end_beside_whole(clean, self.model, origin, seen, turn_deg)

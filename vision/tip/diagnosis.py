@@ -14,7 +14,7 @@ from vision.tip.measure import TipSighting, sight
 from vision.tip.outline import EdgePairs
 from vision.tip.probe_model import ProbeModel
 from vision.tip.strip import ProbeStrip, quantiles, straighten
-from vision.tip.template_search import search
+from vision.tip.template_search import TAUGHT_SCORE, search
 from vision.tip.verdicts import blurred
 
 WIDE_TURNS_DEG = tuple(float(d) for d in np.arange(-18.0, 18.1, 3.0))
@@ -26,9 +26,6 @@ MOST_CLIPPED = 0.2
 LEAST_STRIP_SHARPNESS = 0.08
 LIKE_A_PROBE = 0.7
 """Correlation with the golden template: 0.9 and more when blurred by 4 px and more, 0.55 at most without a probe."""
-TAUGHT_SCORE = 0.95
-"""Correlation from which a narrow bar is no other needle: it may be the taught one's streak of light. A needle that is
-narrower by a sixth comes to as much, and is refused without this word."""
 SIDE_SPARE_PX = 24
 LEAST_BAR, MOST_OF_OWN, MOST_OWN_BAR = 0.55, 0.85, 0.35
 """A bar shows both edges on so much of its length (0..1); the taught width beside it shows no more than that."""
@@ -97,6 +94,7 @@ def _other_width(image: Plane, sighting: TipSighting, model: ProbeModel) -> NotF
     # Highlights make probes inside the probe: the outer edges count, the inner ones only when there are no others.
     if wider.max() >= max(LEAST_BAR, MOST_OF_OWN * own):
         pick = int(np.argmax(wider))
+    # A narrow bar in the taught needle is its streak of light.
     elif narrower.max() >= LEAST_BAR and own < MOST_OWN_BAR and sighting.match.score < TAUGHT_SCORE:
         pick = int(np.argmax(narrower))
     else:

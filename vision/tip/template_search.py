@@ -25,6 +25,9 @@ BORDER_PX = 2.0
 """The border of the probe is left out as well: the lens mixes it with the ground, and the place is a guess."""
 NEAR_PX, MOST_RECENTRED, _FINE_STEPS_DEG = 6, 4, (-1.0, 0.0, 1.0)
 """The full size is searched so far about what the shrunk one gave, in turns about the best one."""
+TAUGHT_SCORE = 0.95
+"""Correlation from which it is the taught probe, or one that is narrower by a sixth at most: before any ground the
+taught one comes to 0.97 and more, none to 0.62."""
 APART = 2
 """Places closer than this, in shrunk pixels, are one and the same."""
 

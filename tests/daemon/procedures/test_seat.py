@@ -24,7 +24,7 @@ from tests.daemon.procedures.cad_board import cad_board, cad_pad
 from tests.daemon.procedures.fake_station import Ran, World, run
 from vision import NotFound, Reason
 from vision.geometry.frames import Rigid2
-from vision.registration import LayerFit, LayerShifts, NotRegistered, Refusal
+from vision.registration import Edges, LayerFit, LayerShifts, NotRegistered, Refusal
 
 SEAT = tuple(
     SeatPlace(x_um=x, y_um=y, rival=0.5)
@@ -189,12 +189,31 @@ async def test_poor_views_of_where_the_other_angle_has_a_place_count(world: Worl
 
 
 @pytest.mark.parametrize(
-    "poor", [_poor(0.59), _poor(0.74, log_odds=5.0), _poor(0.74, target_px=(1_000.0, 500.0))],
-    ids=["hardly anything agrees", "another place does as well", "elsewhere"],
+    "poor",
+    [_poor(0.59), _poor(0.74, log_odds=5.0), _poor(0.74, target_px=(1_000.0, 500.0)),
+     _poor(0.74, at_target=None, near=Edges(0.0, 0.0, 0, 0.0))],
+    ids=["hardly anything agrees", "another place does as well", "elsewhere", "no metal edge near"],
 )  # fmt: skip
 async def test_poor_views_that_show_less_or_another_place_do_not(world: World, poor: Any) -> None:
     _turned_at(world, {(place.x_um, place.y_um) for place in SEAT}, poor)
     assert (await _fault(world)).kind is FaultCode.NOT_THIS_BOARD
+
+
+async def test_a_named_target_that_a_poor_view_contradicts_is_refused(world: World) -> None:
+    """A fuller view of the same would be refused as not confirmed."""
+    point = world.board.find("R1.1")
+    contradicted = _poor(0.74, at_target=Edges(0.05, 0.9, 100, 0.0))
+    _turned_at(world, {(point.x_um, point.y_um)}, contradicted)
+    assert (await _fault(world, fiducials=["R1.1", "R1.2", "R2.1"])).kind is FaultCode.NOT_THIS_BOARD
+
+
+async def test_a_place_without_which_the_others_lie_in_a_row_is_not_left_out(tmp_path: Path) -> None:
+    """It should say why that place was not seen, and not that fiducials nobody named lie on a line."""
+    row = [SEAT[0].model_copy(update={"x_um": 6_000.0 + 9_000.0 * n, "y_um": 8_000.0 + 50.0 * n}) for n in range(3)]
+    aside = SEAT[0].model_copy(update={"x_um": 20_000.0, "y_um": 24_000.0})
+    world = World(tmp_path, BOARD.model_copy(update={"seat": (*row, aside)}), {}).teach().with_map()
+    _turned_at(world, {(aside.x_um, aside.y_um)}, _hidden)
+    assert (await _fault(world)).kind is FaultCode.TIP_NOT_FOUND
 
 
 async def test_a_poor_view_from_the_first_angle_is_refused(world: World) -> None:
