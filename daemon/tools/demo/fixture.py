@@ -12,7 +12,7 @@ from daemon.tools.demo.true_place import same_net
 from daemon.tools.demo.truth_log import Stretch
 
 NEAR_MM = 1.0
-"""A point's pad is no farther from it: a site on a large pad may be off its middle."""
+"""Metal that is no part's pin is no farther from its point: a site on a large pad may be off its middle."""
 
 
 class Fixture:
@@ -44,13 +44,13 @@ class Fixture:
         return (pad["net"], pad["x_mm"], pad["y_mm"]) not in self._cut_off
 
     def _pad(self, point: BoardPoint) -> Mapping[str, Any] | None:
+        """Return the pad of a point: its pin's, where the truth knows that pin, else the nearest of its net."""
         x0_mm, y0_mm, x1_mm, _ = self._outline_mm
         across_mm = point.x_um / 1e3
         place = (x0_mm + across_mm if self._side == "top" else x1_mm - across_mm, y0_mm + point.y_um / 1e3)
-        near = [
-            (math.dist(place, (pad["x_mm"], pad["y_mm"])), k)
-            for k, pad in enumerate(self._pads)
-            if pad["net"] in self._harness and same_net(pad["net"], point.net)
-        ]
+        wired = [pad for pad in self._pads if pad["net"] in self._harness and same_net(pad["net"], point.net)]
+        # A large pad is touched so far off its middle that another pad's may be nearer.
+        own = [pad for pad in wired if point.part and pad["pin"] == f"{point.part}.{point.pin}"]
+        near = [(math.dist(place, (pad["x_mm"], pad["y_mm"])), k) for k, pad in enumerate(own or wired)]
         away_mm, k = min(near, default=(math.inf, -1))
-        return self._pads[k] if away_mm <= NEAR_MM else None
+        return (own or wired)[k] if own or away_mm <= NEAR_MM else None
