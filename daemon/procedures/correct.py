@@ -15,7 +15,8 @@ from daemon.jobs.context import JobContext, Outcome, StationContext
 from daemon.procedures.aiming import Aim, Prior, another_view_helps, known_beforehand, look_and_aim
 from daemon.procedures.board_in_nest import require_board
 from daemon.procedures.free_needle import see_free
-from daemon.procedures.height import describe_height, require_free
+from daemon.procedures.height import StoodOn, describe_height, require_free
+from daemon.procedures.pad_sites import on_metal_within_um
 from daemon.procedures.registered import recognise
 from daemon.procedures.sites import extent_um, sited
 from daemon.station.device_errors import as_fault
@@ -52,14 +53,18 @@ class Landed:
 
 async def bring_onto(
     job: JobContext, context: StationContext, start: Position, point: BoardPoint, pose_map: PoseMap,
-    *, astray: bool = False,
+    *, astray: bool = False, stood: StoodOn | None = None,
 ) -> Landed:  # fmt: skip
     """Look, and move until a look shows the tip on the target; a `Fault` says why that could not be done.
 
     `astray`: any way may have ended beside its place, and what is seen off it says nothing of the board.
+    `stood`: the needle was just lifted off what it stood on; `start` is counted for nothing.
     """
-    begun = job.steps
-    aim = await _first_aim(job, context, start, point, pose_map, known_beforehand(context, astray=astray))
+    begun, prior = job.steps, known_beforehand(context, astray=astray)
+    if stood is None:
+        aim = await _first_aim(job, context, start, point, pose_map, prior)
+    else:
+        aim, start = await _look_off(job, context, stood, point, pose_map, prior), stood.freed
     before_um = math.dist(aim.place_um, (start.x_um, start.y_um))
     job.partial.error_before_um = round(before_um, 2)
     tolerance_um = context.servo.tolerance_um
@@ -69,7 +74,7 @@ async def bring_onto(
         clear = await context.clearance.as_seen(aim.shift_um)
         position = await _step(job, context, aim.look.position, _way(aim), pose_map, clear)
         last_um = aim.error_um
-        aim = await _look(job, context, position, point, pose_map, aim.firm)
+        aim = await _look_or_leave(job, context, position, point, pose_map, aim.firm)
         job.partial.error_after_um = round(aim.error_um, 2)
         if aim.error_um <= tolerance_um:
             return Landed(before_um, aim, job.steps - begun)
@@ -94,7 +99,7 @@ async def _first_aim(
     """
     begun = job.steps
     try:
-        return await _look(job, context, start, point, pose_map, prior)
+        return await _look_or_leave(job, context, start, point, pose_map, prior)
     except Fault as fault:
         if not another_view_helps(context, fault, prior):
             raise
@@ -176,6 +181,39 @@ async def _look(
     await context.station.seen_at(position, aim.tip, job)
     recognise(context, aim.look)
     await require_free(job, context, pose_map, go)
+    return aim
+
+
+async def _look_or_leave(
+    job: JobContext, context: StationContext, position: Position, point: BoardPoint, pose_map: PoseMap,
+    prior: Prior | None,
+) -> Aim:  # fmt: skip
+    """Look and aim; of a needle that came down on something, from where it was lifted off it."""
+    try:
+        return await _look(job, context, position, point, pose_map, prior)
+    except StoodOn as stood:
+        return await _look_off(job, context, stood, point, pose_map, prior)
+
+
+async def _look_off(
+    job: JobContext, context: StationContext, stood: StoodOn, point: BoardPoint, pose_map: PoseMap,
+    prior: Prior | None,
+) -> Aim:  # fmt: skip
+    """Look and aim from where the needle was lifted off what it stood on; raise `stood` unless it stood beside the pad.
+
+    Beside the pad a part stands, and the way went astray; the board lies too high where it stood on the pad itself, or
+    where nothing tells. Whether it does shows when the needle comes down over the pad.
+    """
+    metal_um = on_metal_within_um(point, context.servo) if context.by_cad else None
+    if metal_um is None:
+        raise stood
+    try:
+        aim = await _look(job, context, stood.freed, point, pose_map, prior)
+    except Fault as unseen:
+        raise stood from unseen
+    if aim.error_um <= max(metal_um, context.servo.tolerance_um):
+        raise stood
+    job.note("stood", {"aside_um": round(aim.error_um, 1), **stood.detail})
     return aim
 
 

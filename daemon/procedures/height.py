@@ -30,6 +30,17 @@ RISEN_UM = 20.0
 Go = Callable[[Position], Awaitable[Position]]
 
 
+class StoodOn(Fault):
+    """The needle stood on something where it should hover, and was lifted off it: to `freed`, straight above.
+
+    What it stood on is a board that lies too high, or a part on which a way ended that went astray.
+    """
+
+    def __init__(self, by_um: float, freed: Position) -> None:
+        super().__init__(FaultCode.WRONG_HEIGHT, _pushed_text(by_um), pushed_um=round(by_um, 1))
+        self.freed = freed
+
+
 def describe_height(context: StationContext, position: Position) -> dict[str, object]:
     """Return for an answer what is known of the board's height below the tip.
 
@@ -72,13 +83,13 @@ def refuse_pushed(context: StationContext, look: LookResult, pose_map: PoseMap) 
         raise _lower_than_counted(look.position, up_um)
     if up_um > PUSHED_UM:
         context.station.needle.board.end()
-        raise _touching(up_um)
+        raise Fault(FaultCode.WRONG_HEIGHT, _pushed_text(up_um), pushed_um=round(up_um, 1))
 
 
 async def require_free(
     job: JobContext, context: StationContext, pose_map: PoseMap, go: Go, *, feel: bool = True
 ) -> None:
-    """Raise `Fault` if the last look shows a pushed pin; the needle is then left lifted.
+    """Raise `Fault` if the last look shows a pushed pin; the needle is then left lifted (`StoodOn`: seen free there).
 
     Camera and needle flex from stop to stop by as much as a small push, so a suspect is lifted where it stands: only a
     pushed pin comes out. A free one is brought back down. What flex may hide is felt by a touch sense, where one is
@@ -102,7 +113,7 @@ async def require_free(
         await _refuse_lost_steps(job, context, pose_map, go, lifted)
     if risen_um > RISEN_UM:
         context.station.needle.board.end()
-        raise _lower_than_counted(here, risen_um) if too_high else _touching(risen_um)
+        raise _lower_than_counted(here, risen_um) if too_high else StoodOn(risen_um, lifted.position)
     if too_high and up_um > LOST_STEPS_UM:
         raise _lower_than_counted(here, up_um)
     if not too_high and up_um > NO_FLEX_UM:
@@ -196,9 +207,5 @@ def _lower_than_counted(here: Position, by_um: float) -> Fault:
     )
 
 
-def _touching(by_um: float) -> Fault:
-    return Fault(
-        FaultCode.WRONG_HEIGHT,
-        f"the board lies higher than it should: the pin was pushed in by {by_um:.0f} um where it should hover",
-        pushed_um=round(by_um, 1),
-    )
+def _pushed_text(by_um: float) -> str:
+    return f"the board lies higher than it should: the pin was pushed in by {by_um:.0f} um where it should hover"

@@ -19,6 +19,7 @@ from daemon.procedures.basic import ARRIVED_WITHIN_UM
 from daemon.procedures.correct import Landed, bring_onto
 from daemon.procedures.descent import Ground, hover_free, remember_free
 from daemon.procedures.head_angle import other_views, reachable
+from daemon.procedures.height import StoodOn
 from daemon.procedures.judging import Judged, Taken, accuses, any_pad_passes, believed, proved
 from daemon.procedures.ladder import Attempt, Situation
 from daemon.procedures.meter_readings import AGAINST_GROUND, MeterReadings
@@ -30,6 +31,7 @@ from daemon.procedures.tare import what_was_read
 from daemon.procedures.touched_pad import TouchedPad
 from daemon.station.needle_health import NeedleHealth
 from drivers.gantry import Position
+from vision import Tip
 
 ANOTHER_SIDE = frozenset(
     {
@@ -139,16 +141,17 @@ class PointUnderTest:
         job.note("move", {"x_um": round(target.x_um, 2), "y_um": round(target.y_um, 2), "theta_deg": target.theta_deg})
         return reached
 
-    async def see(self, here: Position, site: BoardPoint | None = None) -> Landed:
+    async def see(self, here: Position, site: BoardPoint | None = None, stood: StoodOn | None = None) -> Landed:
         """Bring the tip onto the point, or another site of its pad, seen to be there.
 
-        What cannot be seen from here may be seen from another side, unless the test wants this angle.
+        What cannot be seen from here may be seen from another side, unless the test wants this angle. `stood`: the
+        needle was just lifted off something; raised where it stood on the pad all the same.
         """
         first, self._looked = not self._looked, True
         if first:
             self.job.first_look = None  # the one that shows how far off the tip was is the first that matters
         try:
-            landed = await self._seen_from(here, site or self.point)
+            landed = await self._seen_from(here, site or self.point, stood)
             if first and not landed.begun_elsewhere:
                 self.error_um = round(landed.before_um, 1)
             return landed
@@ -165,10 +168,10 @@ class PointUnderTest:
                     raise
         raise unseen
 
-    async def _seen_from(self, here: Position, point: BoardPoint) -> Landed:
+    async def _seen_from(self, here: Position, point: BoardPoint, stood: StoodOn | None = None) -> Landed:
         job, context = self.job, self.context
         try:
-            landed = await bring_onto(job, context, here, point, context.require_map(), astray=True)
+            landed = await bring_onto(job, context, here, point, context.require_map(), astray=True, stood=stood)
         except Fault as fault:
             if fault.kind is not FaultCode.NOT_CONVERGING:
                 raise
@@ -186,18 +189,45 @@ class PointUnderTest:
 
     async def touch(self, here: Position, rung: Rung, press_um: float) -> None:
         """Lower the needle from where it hovers, and read."""
-        ground, look = self._ground(here), self.job.last_look
         await self.context.station.see_lifted(self.job)  # where the pin stands now is else no place of a free one
-        if self._seen and look is not None and look.position == here:
-            remember_free(self.context, require_tip(look), here, ground.pose_map)
-            above = here
-        else:
-            above = await hover_free(self.job, self.context, here, ground)
+        look = self.job.last_look
+        above = here if self._seen and look is not None and look.position == here else await self._hover(here)
+        ground = self._ground(above)
+        if self._seen:
+            remember_free(self.context, self._tip_seen(), above, ground.pose_map)
         standing = PadTouch(self.job, self.context, self.pad, self.budget, self.reader, above, ground, press_um)
         self._standing = standing
         self.touches += 1
         contact, taken = await standing.down(rung)
         self._note(rung, contact.pressed_um, contact.force_n, taken)
+
+    def _tip_seen(self) -> Tip:
+        look = self.job.last_look
+        if look is None:
+            raise ValueError("nothing was looked at")
+        return require_tip(look)
+
+    async def _hover(self, here: Position) -> Position:
+        """See the needle free where it is, and return that place; one that came down beside the pad is brought to it.
+
+        One whose tip is not seen from this side is looked at from another, unless the test wants this angle.
+        """
+        try:
+            return await hover_free(self.job, self.context, here, self._ground(here))
+        except StoodOn as stood:
+            return (await self.see(stood.freed, stood=stood)).aim.look.position
+        except Fault as fault:
+            if fault.kind is not FaultCode.TIP_NOT_FOUND or self.test.theta_deg is not None:
+                raise
+            unseen = fault
+        for target in other_views(self.context, self.over, here):
+            try:
+                turned = await self._go_over(target)
+                return await hover_free(self.job, self.context, turned, self._ground(turned))
+            except Fault as fault:
+                if fault.kind is not FaultCode.TIP_NOT_FOUND:
+                    raise
+        raise unseen
 
     async def stroke(self) -> None:
         """Push the pin in once more where the needle stands, and read."""

@@ -20,7 +20,10 @@ from tests.daemon.procedures.fake_probing import (
     Line,
 )
 from tests.daemon.procedures.fake_station import registered, run
+from vision import NotFound, Reason
 from vision.registration import NotRegistered, Refusal, Registration
+
+BODY_UM = 450.0
 
 
 async def test_that_no_board_is_seen_is_one_points_verdict_and_at_two_in_a_row_the_end(line: Line) -> None:
@@ -146,3 +149,88 @@ async def test_a_correction_that_was_begun_again_vouches_for_no_press_before_it(
     assert seen
     assert not any(seen)
     assert line.told[-1].error_um is None
+
+
+def _put_part(line: Line, beside: str, *, from_um: float = RADIUS_UM + 20.0) -> None:
+    """Have a part stand beside a pad, on its right, higher than the needle hovers."""
+    board_um, (x_um, y_um) = line.world.height_um, line.world.pad_um(beside)
+
+    def height_um(at_x_um: float, at_y_um: float) -> float:
+        on_it = from_um < at_x_um - x_um < 1_500.0 and abs(at_y_um - y_um) < 500.0
+        return board_um(at_x_um, at_y_um) + (BODY_UM if on_it else 0.0)
+
+    line.world.height_um = height_um
+
+
+def _raise_board(line: Line, by_um: float) -> None:
+    board_um = line.world.height_um
+    line.world.height_um = lambda x_um, y_um: board_um(x_um, y_um) + by_um
+
+
+async def test_a_way_that_ended_on_a_part_is_seen_from_above_and_the_needle_brought_onto_the_pad(line: Line) -> None:
+    _put_part(line, "A")
+    line.misses_um = [(RADIUS_UM + 150.0, 0.0)]
+    record = await line.probe("A")
+    assert record.verdict is PointVerdict.PASS_FIRST
+    assert record.presses == 1, "the part was not pressed"
+    assert record.error_um == pytest.approx(RADIUS_UM + 150.0, abs=20.0)
+
+
+async def test_a_step_that_ended_on_a_part_is_taken_again(line: Line) -> None:
+    _put_part(line, "A")
+    line.misses_um = [(-RADIUS_UM - 10.0, 0.0), (130.0, 0.0)]
+    record = await line.probe("A")
+    assert record.verdict is PointVerdict.PASS_RECOVERED
+    assert record.presses == 2
+
+
+async def test_a_board_that_lies_too_high_is_no_part_beside_the_pad(line: Line) -> None:
+    _raise_board(line, BODY_UM)
+    line.misses_um = [(60.0, 0.0)]
+    with pytest.raises(Fault) as caught:
+        await line.probe("A")
+    assert caught.value.kind is FaultCode.WRONG_HEIGHT
+    assert line.descents_onto("A") == 0
+    assert len({(move.x_um, move.y_um) for move, _ in line.world.gantry.moves}) == 1, "it went nowhere else"
+
+
+async def test_a_board_that_lies_too_high_below_the_pad_too_is_told_once_the_needle_is_over_it(line: Line) -> None:
+    _raise_board(line, BODY_UM)
+    line.misses_um = [(RADIUS_UM + 150.0, 0.0)]
+    with pytest.raises(Fault) as caught:
+        await line.probe("A")
+    assert caught.value.kind is FaultCode.WRONG_HEIGHT
+    assert line.descents_onto("A") == 0
+
+
+async def test_where_nothing_tells_whether_a_part_stands_there_it_is_the_board(line: Line) -> None:
+    def unseen(look: LookResult) -> LookResult:
+        gone = NotRegistered(Refusal.NO_BOARD, "the red picture is one dark plane", None)
+        return look if look.board is None else replace(look, board=replace(look.board, found=gone))
+
+    _put_part(line, "A")
+    line.world.station.always = unseen
+    line.misses_um = [(RADIUS_UM + 150.0, 0.0)]
+    with pytest.raises(Fault) as caught:
+        await line.probe("A")
+    assert caught.value.kind is FaultCode.WRONG_HEIGHT
+
+
+@pytest.mark.parametrize("theta_deg", [None, 0.0])
+async def test_a_tip_that_no_picture_shows_from_one_side_is_looked_at_from_another(
+    line: Line, theta_deg: float | None
+) -> None:
+    def hidden(look: LookResult) -> LookResult:
+        if look.position.theta_deg % 360.0 > 1.0:
+            return look
+        return replace(look, tip=NotFound(Reason.NO_MARKING, "the taper shows on only 23 % of its length"))
+
+    line.world.station.always = hidden
+    record = await line.probe("A", **({} if theta_deg is None else {"theta_deg": theta_deg}))
+    if theta_deg is None:
+        assert record.verdict is PointVerdict.PASS_FIRST
+        assert line.world.gantry.reported.theta_deg % 360.0 == pytest.approx(180.0)
+    else:
+        assert record.verdict is PointVerdict.NOT_TESTED
+        assert "23 %" in record.reason
+    line.world.station.always = lambda look: look
