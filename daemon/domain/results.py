@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from daemon.domain.errors import Fault
 from daemon.domain.no_paths import without_paths
+
+StepKind = Literal["look", "move"]
+"""What the journal keeps of a job while it goes on; its table takes no other."""
 
 
 class Told(BaseModel):

@@ -17,6 +17,7 @@ from daemon.domain.board_run import BoardRun, RunState, RunSummary
 from daemon.domain.contact import ContactFacts
 from daemon.domain.point_mark import PointMark
 from daemon.domain.point_test import PadWear, PointRecord
+from daemon.domain.results import StepKind
 from daemon.domain.states import Event, State
 from daemon.jobs.held_touch import HeldTouch
 from daemon.platform.clock import Stopwatch
@@ -185,7 +186,7 @@ class JobContext:
         request: AnyJob,
         deadline: Deadline,
         fire: Callable[[Event], State],
-        keep_step: Callable[[str, dict[str, Any]], Coroutine[Any, Any, None]],
+        keep_step: Callable[[StepKind, dict[str, Any]], Coroutine[Any, Any, None]],
         tell_progress: Callable[[int, int, str], None],
         touching: Touching | None = None,
         *,
@@ -277,7 +278,7 @@ class JobContext:
         """Let the next look be the first: what was seen before is of another point."""
         self.first_look = self.last_look = self._last_pictured = None
 
-    def note(self, kind: str, body: dict[str, Any]) -> None:
+    def note(self, kind: StepKind, body: dict[str, Any]) -> None:
         """Write a look or a move into the journal without waiting for the disk; `settle` waits."""
         self.later(self._keep_step(kind, body))
 

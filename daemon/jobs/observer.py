@@ -6,7 +6,7 @@ from collections.abc import Awaitable, Callable, Mapping
 from typing import Any, Protocol
 
 from daemon.domain.point_test import PointRecord
-from daemon.domain.results import JobResult
+from daemon.domain.results import JobResult, StepKind
 from daemon.jobs.context import JobContext
 from daemon.wire.events import Topic
 
@@ -14,7 +14,7 @@ from daemon.wire.events import Topic
 class JobObserver:
     """What is called; by itself it does nothing, where there is no maintenance."""
 
-    def on_step(self, job_id: str, kind: str, body: Mapping[str, Any]) -> None:
+    def on_step(self, job_id: str, kind: StepKind, body: Mapping[str, Any]) -> None:
         """Hear that a job looked or moved."""
 
     def on_result(self, job: JobContext, result: JobResult) -> None:

@@ -18,7 +18,7 @@ import structlog
 from daemon.domain.contact import ContactFacts
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.point_test import PointRecord
-from daemon.domain.results import JobResult
+from daemon.domain.results import JobResult, StepKind
 from daemon.domain.states import BUSY, Event, State
 from daemon.jobs.context import JobContext, KeptPoint, Outcome, PointLooks, Procedure, StationContext, Touching
 from daemon.jobs.ended import EndedJob
@@ -320,8 +320,8 @@ class JobRunner:
         # Told each time: an alert of a daemon before this one may stand, whose cause is gone.
         self._with.observer.on_flag("pictures_not_kept", self._with.images.full)
 
-    def _keep_step(self, job_id: str) -> Callable[[str, dict[str, Any]], Any]:
-        def keep(kind: str, body: dict[str, Any]) -> Any:
+    def _keep_step(self, job_id: str) -> Callable[[StepKind, dict[str, Any]], Any]:
+        def keep(kind: StepKind, body: dict[str, Any]) -> Any:
             self._with.observer.on_step(job_id, kind, body)
             return self._journal.add_step(job_id, kind, body)
 

@@ -20,7 +20,7 @@ from daemon.config.current import CurrentSettings
 from daemon.config.model import Config
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.point_test import PointRecord
-from daemon.domain.results import JobResult
+from daemon.domain.results import JobResult, StepKind
 from daemon.jobs.context import JobContext
 from daemon.jobs.observer import JobObserver, Publisher
 from daemon.maintenance.alerts import ActiveAlerts, Alert, AlertNews
@@ -115,7 +115,7 @@ class Monitor(JobObserver):
 
     # --- handed in (never waits) ------------------------------------------------------------------------------
 
-    def on_step(self, job_id: str, kind: str, body: Mapping[str, Any]) -> None:
+    def on_step(self, job_id: str, kind: StepKind, body: Mapping[str, Any]) -> None:
         """Remember a step until its job ends."""
         self._contacts.add_step(body)
         if job_id not in self._steps:

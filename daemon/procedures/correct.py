@@ -213,7 +213,7 @@ async def _look_off(
         raise stood from unseen
     if aim.error_um <= max(metal_um, context.servo.tolerance_um):
         raise stood
-    job.note("stood", {"aside_um": round(aim.error_um, 1), **stood.detail})
+    job.note("look", {"stood_aside_um": round(aim.error_um, 1), **stood.detail})
     return aim
 
 

@@ -292,7 +292,7 @@ async def _look_from(
     if isinstance(found, NotRegistered):
         counts = _as_seen_before(found, seen.views.get(point.name, []), place_um)
         if counts is not None:
-            job.note("seat", {"seat_place": point.name, "counts_by": "another angle", "refused": str(found.reason)})
+            job.note("look", {"seat_place": point.name, "counts_by": "another angle", "refused": str(found.reason)})
             found = counts
     if found is None or isinstance(found, NotRegistered):
         raise _unseen(found, point, context)

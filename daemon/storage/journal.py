@@ -16,7 +16,7 @@ import structlog
 
 from daemon.domain.point_mark import PointMark
 from daemon.domain.point_test import PadWear, PointRecord
-from daemon.domain.results import JobResult
+from daemon.domain.results import JobResult, StepKind
 from daemon.platform.clock import utc_now
 from daemon.storage import journal_bounds
 from daemon.storage.journal_writer import JournalWriter
@@ -91,7 +91,7 @@ class Journal(JournalWriter):
             raise self._trouble
         await self._run(write)
 
-    async def add_step(self, job_id: str, kind: str, body: dict[str, Any]) -> None:
+    async def add_step(self, job_id: str, kind: StepKind, body: dict[str, Any]) -> None:
         """Write down one look or move of a job."""
         row = (job_id, utc_now(), kind, json.dumps(body))
         await self._run(lambda db: db.execute("INSERT INTO steps(job, at, kind, body) VALUES (?,?,?,?)", row))

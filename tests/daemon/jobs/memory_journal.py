@@ -6,7 +6,7 @@ from collections.abc import Awaitable, Callable
 from typing import Any
 
 from daemon.domain.errors import Fault, FaultCode
-from daemon.domain.results import JobResult
+from daemon.domain.results import JobResult, StepKind
 from daemon.storage.journal import StoredJob
 
 
@@ -39,7 +39,7 @@ class MemoryJournal:
         self._write()
         self.jobs[job_id] = StoredJob(request, None)
 
-    async def add_step(self, job_id: str, kind: str, body: dict[str, Any]) -> None:
+    async def add_step(self, job_id: str, kind: StepKind, body: dict[str, Any]) -> None:
         self._write()
         if self.step_error is not None:
             raise self.step_error

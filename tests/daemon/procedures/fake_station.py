@@ -15,13 +15,14 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import AsyncExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, cast, get_args
 
 import numpy as np
 
 from daemon.config.model import Config, load_config
 from daemon.config.sections.base import Section
 from daemon.domain.board import Board, BoardPoint
+from daemon.domain.results import StepKind
 from daemon.domain.states import Event, Machine, State
 from daemon.jobs.context import JobContext, MarkOf, Outcome, Procedure, StationContext, Touching, nothing_said
 from daemon.platform.clock import utc_now
@@ -590,7 +591,8 @@ def begin(request: dict[str, Any] | AnyJob, touching: Touching | None = None, *,
     steps: list[tuple[str, dict[str, Any]]] = []
     progress: list[tuple[int, int, str]] = []
 
-    async def keep_step(kind: str, body: dict[str, Any]) -> None:
+    async def keep_step(kind: StepKind, body: dict[str, Any]) -> None:
+        assert kind in get_args(StepKind), "the journal keeps no such step"
         steps.append((kind, body))
 
     job = JobContext(

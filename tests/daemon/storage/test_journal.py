@@ -8,13 +8,15 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
 from daemon.domain.errors import Fault, FaultCode
-from daemon.domain.results import JobResult
+from daemon.domain.results import JobResult, StepKind
 from daemon.platform.clock import utc_now
 from daemon.storage.journal import Journal
+from daemon.storage.journal_reader import JournalReader
 from daemon.storage.journal_schema import BASE_TABLES, SCHEMA_VERSION, UPGRADES
 from daemon.storage.journal_writer import SEQ_BLOCK
 
@@ -23,6 +25,16 @@ def _result(journal: Journal, job_id: str) -> JobResult:
     return JobResult(
         id=job_id, op="home", ok=True, seq=journal.take_seq(), station="s", finished_at=utc_now(), outcome="homed"
     )
+
+
+async def test_every_kind_of_step_is_kept(tmp_path: Path) -> None:
+    journal = await Journal.open(tmp_path / "j.sqlite")
+    await journal.add_job("a", "home", "{}")
+    for kind in get_args(StepKind):
+        await journal.add_step("a", kind, {"of": kind})
+    await journal.close()
+    with JournalReader(tmp_path / "j.sqlite") as reader:
+        assert [step.kind for step in reader.steps("a")] == list(get_args(StepKind))
 
 
 async def test_a_result_survives_closing(tmp_path: Path) -> None:
