@@ -14,5 +14,7 @@ SAID_BY_A_VERDICT = frozenset(
     }
 )  # fmt: skip
 """What one point may have and the next one need not."""
-BOARD_UNSEEN = frozenset({FaultCode.WRONG_PLACE, FaultCode.NO_BOARD, FaultCode.NOT_THIS_BOARD})
+CONTRADICTED = frozenset({FaultCode.WRONG_SIDE, FaultCode.BOARD_TURNED})
+"""The board lies otherwise: believed of two looks, from different sides or at two points in a row."""
+BOARD_UNSEEN = frozenset({FaultCode.WRONG_PLACE, FaultCode.NO_BOARD, FaultCode.NOT_THIS_BOARD}) | CONTRADICTED
 """What one look may say by mistake where a way ended astray; at two points in a row it is the board."""

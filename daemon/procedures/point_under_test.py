@@ -25,6 +25,7 @@ from daemon.procedures.ladder import Attempt, Situation
 from daemon.procedures.meter_readings import AGAINST_GROUND, MeterReadings
 from daemon.procedures.pad_sites import on_metal_within_um
 from daemon.procedures.pad_touch import Budget, PadTouch
+from daemon.procedures.point_faults import CONTRADICTED
 from daemon.procedures.press_readers import PressReader
 from daemon.procedures.seat_state import seat_shifts
 from daemon.procedures.tare import what_was_read
@@ -36,7 +37,7 @@ from vision import Tip
 ANOTHER_SIDE = frozenset(
     {
         FaultCode.NOT_THIS_BOARD, FaultCode.NO_BOARD, FaultCode.WRONG_PLACE, FaultCode.AMBIGUOUS, FaultCode.DISAGREE,
-        FaultCode.TARGET_NOT_CONFIRMED, FaultCode.TEST_POINT_NOT_FOUND, FaultCode.UNDECIDED,
+        FaultCode.TARGET_NOT_CONFIRMED, FaultCode.TEST_POINT_NOT_FOUND, FaultCode.UNDECIDED, *CONTRADICTED,
     }
 )  # fmt: skip
 """What a look from one side may fail of, and from another not: the needle, its shadow, a glint, a poor view."""
@@ -67,8 +68,8 @@ class PointUnderTest:
         self.spent: set[Rung] = set()
         self.done = frozenset[str]()
         """Points that have their verdict in this run, and are touched no more."""
-        self.touches = self.elsewhere = 0
-        """Descents onto its pad, and onto other points of its net."""
+        self.touches = self.elsewhere = self.contradictions = 0
+        """Descents onto its pad, and onto other points of its net; looks that said that the board lies otherwise."""
         self.error_um: float | None = None
         """By how much the first look saw the tip off."""
         self.sigma_um: float | None = None
@@ -173,6 +174,7 @@ class PointUnderTest:
         try:
             landed = await bring_onto(job, context, here, point, context.require_map(), astray=True, stood=stood)
         except Fault as fault:
+            self.contradictions += fault.kind in CONTRADICTED
             if fault.kind is not FaultCode.NOT_CONVERGING:
                 raise
             # A way that ended beside its place makes one step grow; the next one may go well.

@@ -22,10 +22,11 @@ from daemon.procedures.ladder import cause_of, next_step
 from daemon.procedures.meter_readings import MeterReadings
 from daemon.procedures.neighbour_nets import neighbour_nets
 from daemon.procedures.pad_touch import Budget
-from daemon.procedures.point_faults import BOARD_UNSEEN, SAID_BY_A_VERDICT
+from daemon.procedures.point_faults import BOARD_UNSEEN, CONTRADICTED, SAID_BY_A_VERDICT
 from daemon.procedures.point_under_test import PointUnderTest
 from daemon.procedures.press_readers import PressReader, StationReader, TesterHold, TesterReader, TesterSilent
 from daemon.procedures.rungs import spent_from_the_start, take
+from daemon.procedures.seat_state import void_seat
 from daemon.procedures.sibling_point import why_path_unproved
 from daemon.procedures.sites import sited
 from daemon.procedures.touch_sense import leave_metal, refuse_closed_sense
@@ -33,6 +34,9 @@ from daemon.procedures.touched_pad import TouchedPad
 from daemon.station.device_errors import as_fault
 from daemon.station.needle_health import NeedleHealth
 from drivers.errors import DeviceError
+
+SURE_LOOKS = 2
+"""From different sides, that say that the board lies otherwise: it does."""
 
 
 async def admit_probing(job: JobContext, context: StationContext, board_id: str | None, *, tester: bool) -> None:
@@ -159,6 +163,8 @@ class _Trial:
             if fault.kind is FaultCode.CONTACT_BEFORE_DESCENT:
                 await self._lift_clear()
             if not self._is_said(fault) or (self.at is not None and self.at.is_down):
+                if fault.kind in CONTRADICTED:
+                    await void_seat(self._context, fault.message)
                 raise
             touched = self.at is not None and self.at.attempts
             verdict = PointVerdict.CONTACT_NOT_MADE if touched else PointVerdict.NOT_TESTED
@@ -174,9 +180,14 @@ class _Trial:
         return True
 
     def _is_said(self, fault: Fault) -> bool:
-        """Whether a verdict says it; that the board was not seen at all is believed at the second point in a row."""
+        """Whether a verdict says it; that the board was not seen at all is believed at the second point in a row.
+
+        That it lies turned or with its other side up, two looks from different sides may have said already.
+        """
         if fault.kind not in BOARD_UNSEEN:
             return fault.kind in SAID_BY_A_VERDICT
+        if fault.kind in CONTRADICTED and self.at is not None and self.at.contradictions >= SURE_LOOKS:
+            return False
         self._health.points_unseen += 1
         return self._health.points_unseen == 1
 

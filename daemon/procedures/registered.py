@@ -132,8 +132,8 @@ _BOARD_CHANGED = frozenset({Refusal.WRONG_PLACE, Refusal.BOARD_TURNED, Refusal.W
 """What says that another board, or this one otherwise, lies in the nest."""
 
 
-MAY_BE_ASTRAY = frozenset({Refusal.WRONG_PLACE, Refusal.NO_BOARD, Refusal.NOT_THIS_BOARD})
-"""What one look may also say where the head stands elsewhere than its drives believe."""
+MAY_BE_ASTRAY = _BOARD_CHANGED | {Refusal.NOT_THIS_BOARD}
+"""What one look may also say where the head stands elsewhere than its drives believe, or sees little but parts."""
 
 
 def _is_another(found: NotRegistered) -> bool:

@@ -21,6 +21,7 @@ from daemon.procedures.aiming import require_tip
 from daemon.procedures.height import require_free
 from daemon.procedures.look_numbers import describe
 from daemon.procedures.move_sequence import MoveSequence, shifted
+from daemon.procedures.point_faults import CONTRADICTED
 from daemon.procedures.registered import board_search, look_by_cad
 from daemon.procedures.registration_faults import board_away, refusal_fault
 from daemon.procedures.seat_decides import shows_place
@@ -37,7 +38,6 @@ MOST_TRIES = 2
 ANOTHER_MAY_DO = frozenset(
     {FaultCode.AMBIGUOUS, FaultCode.NOT_THIS_BOARD, FaultCode.TARGET_NOT_CONFIRMED, FaultCode.TIP_NOT_FOUND}
 )
-CONTRADICTED = frozenset({FaultCode.WRONG_SIDE, FaultCode.BOARD_TURNED})
 """What one poor view may say by mistake where a place that is found once has been seen on this side already."""
 FROM_ASIDE = frozenset({FaultCode.TIP_NOT_FOUND, FaultCode.TARGET_NOT_CONFIRMED})
 """What another ground behind the needle, or another view of the place, may cure."""

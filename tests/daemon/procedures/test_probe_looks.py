@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
@@ -41,6 +42,40 @@ async def test_that_no_board_is_seen_is_one_points_verdict_and_at_two_in_a_row_t
         await line.probe("B", job_id="two")
     assert caught.value.kind is FaultCode.NO_BOARD
     assert line.descents_onto("B") == 1
+
+
+def _otherwise(look: LookResult) -> LookResult:
+    over = NotRegistered(Refusal.WRONG_SIDE, "the board lies with its other side up, turned by 88 degrees", None)
+    return look if look.board is None else replace(look, board=replace(look.board, found=over))
+
+
+@pytest.mark.parametrize("others", [_otherwise, lambda look: replace(look, tip=NotFound(Reason.NO_MARKING, "hidden"))])
+async def test_that_the_board_lies_otherwise_one_look_does_not_say(
+    line: Line, others: Callable[[LookResult], LookResult]
+) -> None:
+    """A look from another side says it too, or the next point's; a single one may see little but parts."""
+    agree, verified = others is _otherwise, Seat(verified=True, places=4, agreement=0.9)
+    line.lay_in("SN-1", verified)
+
+    def seen(look: LookResult) -> LookResult:
+        if look.board is None:
+            return look
+        return _otherwise(look) if abs(look.position.theta_deg % 360.0) < 1.0 else others(look)
+
+    line.world.station.always = seen
+    line.films["A"] = line.films["B"] = (99, INF)
+    if not agree:
+        record = await line.probe("A", job_id="one", theta_deg=0.0)
+        assert record.verdict is PointVerdict.CONTACT_NOT_MADE
+        assert record.fault == "wrong_side"
+        assert line.world.calibrations.alignment(line.world.context.board) is not None
+        with pytest.raises(Fault) as caught:
+            await line.probe("B", job_id="two", theta_deg=0.0)
+    else:
+        with pytest.raises(Fault) as caught:
+            await line.probe("A", job_id="one")
+    assert caught.value.kind is FaultCode.WRONG_SIDE
+    assert line.world.calibrations.alignment(line.world.context.board) is None, "it is aligned before it goes on"
 
 
 async def test_what_cannot_be_seen_from_one_side_is_looked_at_from_another(line: Line) -> None:
