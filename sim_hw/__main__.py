@@ -60,6 +60,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--meter-line", type=Path, default=None, help="path of the symlink to the meter's serial line")
     parser.add_argument("--truth", type=Path, required=True, help="file the truth log is appended to")
     parser.add_argument("--unpaced", action="store_true", help="serve the line as fast as possible")
+    parser.add_argument(
+        "--tiles", type=int, default=None, metavar="N", help="keep N tiles of the board's image, 4 MiB each (28 or 44)"
+    )
     parser.add_argument("--set", action="append", default=[], metavar="KNOB=VALUE", help="turn a knob; may be repeated")
     return parser
 
@@ -69,6 +72,8 @@ def _options(parser: argparse.ArgumentParser, given: argparse.Namespace) -> Stat
         parser.error(f"--speed must be above 0 and at most 1000, not {given.speed}")
     if not 0 <= given.meter_port <= 65535:
         parser.error(f"--meter-port must be 0 to 65535, not {given.meter_port}")
+    if given.tiles is not None and given.tiles < 1:
+        parser.error(f"--tiles must be 1 or more, not {given.tiles}")
     if not given.board.is_dir() and given.board.suffix.lower() != ".zip":
         parser.error(f"--board: {given.board} is not a folder")
     return StationOptions(
@@ -85,6 +90,7 @@ def _options(parser: argparse.ArgumentParser, given: argparse.Namespace) -> Stat
         meter_port=given.meter_port,
         meter_line=given.meter_line,
         assembled=given.assembled,
+        tiles=given.tiles,
     )
 
 

@@ -56,6 +56,8 @@ class StationOptions:
     meter_line: Path | None = None
     """Symlink to the meter's pseudo terminal."""
     assembled: bool = False
+    tiles: int | None = None
+    """How many tiles of the board's texture are kept, 4 MiB each; None: as many as make a station of some 300 MB."""
 
 
 class Station:
@@ -123,6 +125,7 @@ class Station:
                 endpoint=options.camera,
                 faults=self.faults,
                 seed=options.seed,
+                tiles=options.tiles,
             )
             stack.push_async_callback(self._meter_wires.close)
             await self._meter_wires.open(options.meter_port, options.meter_line)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -31,6 +32,10 @@ _SHAFT_UM = 300.0
 """Holes up to this are narrower than the needle's shaft above its end. A guess."""
 _SHIFT = 4
 """Fractional bits of polygon corners."""
+_ALL_BITS = 255
+_LAND_BITS = COPPER | OPEN | BOARD
+_IS_LAND = np.array([bits & _LAND_BITS == _LAND_BITS for bits in range(256)], dtype=np.uint8)
+_IS_METAL = np.array([_IS_LAND[bits] and (not bits & HOLE or bits & LEAD) for bits in range(256)], dtype=np.bool_)
 
 
 @dataclass(frozen=True)
@@ -70,8 +75,15 @@ class _View:
     step_um: float
     half: int
     bits: Bits
-    metal: Mask
-    lands: npt.NDArray[np.int32]
+
+    @cached_property
+    def metal(self) -> Mask:
+        return np.asarray(cv2.LUT(self.bits, _IS_METAL.view(np.uint8)), dtype=np.uint8).view(np.bool_)
+
+    @cached_property
+    def lands(self) -> npt.NDArray[np.int32]:
+        _, lands = cv2.connectedComponents(cv2.LUT(self.bits, _IS_LAND), connectivity=4)
+        return np.asarray(lands, dtype=np.int32)
 
     def at(self, dx_um: float, dy_um: float) -> tuple[int, int] | None:
         """Return row and column of a place by its distance from the middle; None outside."""
@@ -134,22 +146,22 @@ class Surface:
                 best = rank if best is None else min(best, rank)
         return None if best is None else self._pads[best[2]]
 
-    def view(self, x_mm: float, y_mm: float, step_um: float, half_um: float) -> _View:
-        """Paint a window about a place."""
+    def view(self, x_mm: float, y_mm: float, step_um: float, half_um: float, bits_asked: int = _ALL_BITS) -> _View:
+        """Paint a window about a place, with those bits that are asked for."""
         half = round(half_um / step_um)
         size = 2 * half + 1
         bits = np.zeros((size, size), dtype=np.uint8)
         reach_mm = half_um / 1e3
         for bit, shapes, boxes, (dx_mm, dy_mm) in self._layers:
+            if not bit & bits_asked:
+                continue
             left, low = x_mm - reach_mm - dx_mm, y_mm - reach_mm - dy_mm
             hit = (boxes[:, 0] <= left + 2 * reach_mm) & (boxes[:, 2] >= left)
             hit &= (boxes[:, 1] <= low + 2 * reach_mm) & (boxes[:, 3] >= low)
             chosen = [shapes[k] for k in np.flatnonzero(hit).tolist()]
-            cv2.bitwise_or(bits, _painted(chosen, bit, (left, low), step_um, size), dst=bits)
-        land = (bits & (COPPER | OPEN | BOARD)) == (COPPER | OPEN | BOARD)
-        metal = land & ((bits & HOLE == 0) | (bits & LEAD != 0))
-        _, lands = cv2.connectedComponents(land.astype(np.uint8), connectivity=4)
-        return _View(step_um, half, bits, metal, np.asarray(lands, dtype=np.int32))
+            if chosen:
+                cv2.bitwise_or(bits, _painted(chosen, bit, (left, low), step_um, size), dst=bits)
+        return _View(step_um, half, bits)
 
 
 class _Look:
@@ -158,20 +170,25 @@ class _Look:
     def __init__(self, surface: Surface, x_mm: float, y_mm: float) -> None:
         self._surface, self._x_mm, self._y_mm = surface, x_mm, y_mm
         self._views: dict[int, _View] = {}
+        self._owners: dict[tuple[float, int], Record | None] = {}
 
     def view(self, k: int) -> _View:
-        """Return the k-th window, the finest first."""
+        """Return the k-th window, the finest first; in the others metal alone counts, and most polygons are ink."""
         if k not in self._views:
-            self._views[k] = self._surface.view(self._x_mm, self._y_mm, *_WINDOWS[k])
+            bits = _ALL_BITS & ~INK if k else _ALL_BITS
+            self._views[k] = self._surface.view(self._x_mm, self._y_mm, *_WINDOWS[k], bits)
         return self._views[k]
 
     def touched(self, reach_um: float) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Return what lies within reach, and the nets of the metal there."""
         view = self.view(0)
-        along = (np.arange(2 * view.half + 1) - view.half) * view.step_um
+        far = min(view.half, math.ceil(reach_um / view.step_um) + 1)
+        middle = (slice(view.half - far, view.half + far + 1),) * 2
+        along = np.arange(-far, far + 1) * view.step_um
         near = along[:, None] ** 2 + along[None, :] ** 2 <= max(reach_um, 0.5 * view.step_um) ** 2
-        kinds = {_what(int(bits)) for bits in np.unique(view.bits[near])}
-        lands = np.unique(view.lands[near & view.metal]).tolist()
+        kinds = {_what(int(bits)) for bits in np.unique(view.bits[middle][near])}
+        metal = near & view.metal[middle]
+        lands = np.unique(view.lands[middle][metal]).tolist() if metal.any() else []
         nets = {pad.net if (pad := self._owner(view, land)) is not None else "" for land in lands}
         return tuple(sorted(kinds)), tuple(sorted(nets))
 
@@ -215,6 +232,12 @@ class _Look:
 
     def _owner(self, view: _View, land: int) -> Record | None:
         """Return the pad on a land, which may lie beyond the window: then by what is seen of it in wider ones."""
+        key = (view.step_um, land)
+        if key not in self._owners:
+            self._owners[key] = self._owner_looked_up(view, land)
+        return self._owners[key]
+
+    def _owner_looked_up(self, view: _View, land: int) -> Record | None:
         found = self._surface.pad_of(view, self._x_mm, self._y_mm, land)
         for k, (step_um, _) in enumerate(_WINDOWS):
             if found is not None:
@@ -249,17 +272,22 @@ def _same_land(view: _View, land: int, wide: _View) -> int:
 def _painted(shapes: Sequence[Shape], bit: int, corner_mm: tuple[float, float], step_um: float, size: int) -> Bits:
     """Paint shapes in their order, rows running with y; a point counts where its centre is inside, to half a point."""
     layer = np.zeros((size, size), dtype=np.uint8)
+    points = (np.concatenate([shape.outline_mm for shape in shapes]) - corner_mm) * (1e3 / step_um)
+    fixed = np.round(points * (1 << _SHIFT)).astype(np.int32)  # of all at once: most have few corners
+    start = 0
     for shape in shapes:
-        points = (shape.outline_mm - corner_mm) * (1e3 / step_um)
-        fixed = np.round(points * (1 << _SHIFT)).astype(np.int32)
-        cv2.fillPoly(layer, [fixed], bit if shape.dark else 0, cv2.LINE_8, _SHIFT)
+        end = start + len(shape.outline_mm)
+        cv2.fillPoly(layer, [fixed[start:end]], bit if shape.dark else 0, cv2.LINE_8, _SHIFT)
+        start = end
     return layer
 
 
 def _distance_um(view: _View) -> float:
     """Return how far the middle is from the edge of the metal it lies on; at least half a point."""
-    depth = cv2.distanceTransform(view.metal.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    return max(0.5, float(depth[view.half, view.half]) - 0.5) * view.step_um
+    squares = np.arange(-view.half, view.half + 1, dtype=np.int32) ** 2
+    beyond = (squares[:, None] + squares[None, :])[~view.metal]
+    depth = float(np.sqrt(np.float32(beyond.min()))) if len(beyond) else math.inf
+    return max(0.5, depth - 0.5) * view.step_um
 
 
 def _what(bits: int) -> str:

@@ -59,10 +59,17 @@ class CameraServer:
     """Serve one camera on `endpoint` until cancelled; `ready` is set once it is bound."""
 
     def __init__(
-        self, plant: ScenePlant, board: Board, clock: Clock, endpoint: str, faults: CountedFaults, seed: int
+        self,
+        plant: ScenePlant,
+        board: Board,
+        clock: Clock,
+        endpoint: str,
+        faults: CountedFaults,
+        seed: int,
+        tiles: int | None = None,
     ) -> None:
         self.ready = asyncio.Event()
-        self.scene = Scene(plant, board, faults, seed)
+        self.scene = Scene(plant, board, faults, seed, tiles)
         self._plant = plant
         self._clock = clock
         self._endpoint = endpoint
@@ -108,14 +115,20 @@ class CameraServer:
             await asyncio.sleep(_TICK_S)
 
     async def _draw_ahead(self) -> None:
-        """Draw the board tile by tile while nobody asks, so that a look at a new place is not slow."""
+        """Draw the board tile by tile while nobody asks, so that a look at a new place is not slow.
+
+        The worker is not woken again before the head goes elsewhere, or what lies there changes.
+        """
         loop = asyncio.get_running_loop()
-        drawn = False
+        drawn, done = False, None
         while True:  # one tile at a time: a request waits for one at most
             goal = self._plant.state_at(self._plant.rest_s())
-            if await loop.run_in_executor(self._worker, self.scene.draw_ahead, goal):
-                drawn = True
-                continue
+            sight = (goal, self._plant.board_pose, self.scene.lying)
+            if sight != done:
+                if await loop.run_in_executor(self._worker, self.scene.draw_ahead, goal):
+                    drawn = True
+                    continue
+                done = sight
             if drawn:
                 await loop.run_in_executor(self._worker, give_back_memory)
                 drawn = False

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -16,6 +17,7 @@ import numpy.typing as npt
 
 Plane = npt.NDArray[np.uint8]
 Field = npt.NDArray[np.float32]
+Index = npt.NDArray[np.intp]
 
 DOME_REACH_UM = 200.0
 """From the edge of the metal inwards the dome rises over this way, then it is nearly level."""
@@ -27,6 +29,12 @@ _TOWARDS_LAMP = {"white": (0.10, -0.07), "red": (-0.09, -0.10)}
 _TARNISH = (0.60, 0.50, 0.32, 0.38)
 """How much fully tarnished metal loses of each plane."""
 _SPOT_UM = (15.0, 420.0)
+_CELL = 16
+"""Texels. Domes are worked out in boxes of whole cells; rows of any other length might be rounded otherwise."""
+_CLOSE_CELLS = 5
+"""Metal within so many cells shares a box: boxes that overlap by their margins would cost twice."""
+_MARGIN_CELLS = 3
+"""Around a box: a dome's reach (34 texels), its smoothing (10) and slope (1) are less than that."""
 
 
 @dataclass(frozen=True)
@@ -39,27 +47,83 @@ class Spot:
     opacity: float
 
 
-def tin_gain(metal: Plane, noise: tuple[Field, Field], texel_um: float, border: int) -> dict[str, Field]:
-    """Return how much brighter or darker domed metal looks under each lamp, 1 where `metal` (padded by border) is 0."""
-    inner = np.s_[border:-border, border:-border]
-    depth = cv2.distanceTransform(metal, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) * np.float32(texel_um)
+class Box(NamedTuple):
+    """Rows y0 to y1 and columns x0 to x1, the last ones excluded."""
+
+    y0: int
+    y1: int
+    x0: int
+    x1: int
+
+
+def lay_tin(
+    planes: Sequence[Plane], metal: Plane | None, noise: tuple[Field, Field], texel_um: float, border: int
+) -> None:
+    """Lay on the planes how much brighter or darker domed metal looks under each lamp.
+
+    `metal` is 255 where there is some, padded by `border`, and a multiple of the cell wide. Most of a tile has none, so
+    that all is done in boxes about the metal, and at its texels alone.
+    """
+    if metal is None or not metal.any():
+        return
+    size = planes[0].shape[0]
+    left = metal[border:-border, border:-border].copy()
+    for box in _metal_boxes(metal):
+        wide = _grown(box, metal.shape[0])
+        rows, columns = (np.clip(np.array(ends) - border, 0, size).tolist() for ends in (box[:2], box[2:]))
+        here = left[slice(*rows), slice(*columns)]
+        y, x = np.nonzero(here)
+        here[...] = 0  # boxes may overlap: nothing is domed twice
+        if len(y):
+            y, x = y + rows[0], x + columns[0]
+            slopes = _dome(
+                metal[wide[0] : wide[1], wide[2] : wide[3]], texel_um, (y + border - wide[0], x + border - wide[2])
+            )
+            _shine(planes, y * size + x, slopes, noise)
+
+
+def _metal_boxes(metal: Plane) -> list[Box]:
+    """Return boxes of whole cells that hold all metal: one about what lies close together."""
+    cells = metal.shape[0] // _CELL
+    some = (cv2.resize(metal, (cells, cells), interpolation=cv2.INTER_AREA) > 0).astype(np.uint8)
+    near = cv2.dilate(some, np.ones((_CLOSE_CELLS, _CLOSE_CELLS), dtype=np.uint8))
+    _, labels = cv2.connectedComponents(near, connectivity=8)
+    labels = np.where(some > 0, labels, 0)
+    boxes = []
+    for label in np.unique(labels[labels > 0]).tolist():
+        rows, columns = np.nonzero(labels == label)
+        ends = (rows.min(), rows.max() + 1, columns.min(), columns.max() + 1)
+        boxes.append(Box(*(int(end) * _CELL for end in ends)))
+    return boxes
+
+
+def _grown(box: Box, size: int) -> Box:
+    margin = _MARGIN_CELLS * _CELL
+    return Box(max(0, box.y0 - margin), min(size, box.y1 + margin), max(0, box.x0 - margin), min(size, box.x1 + margin))
+
+
+def _dome(metal: Plane, texel_um: float, at: tuple[Index, Index]) -> tuple[Field, Field]:
+    """Return how the surface slopes, across and down, at places of a window of the metal."""
+    texels = cv2.distanceTransform(metal, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    # Some builds of OpenCV round roots by where the rows lie in memory; all of these are roots of whole numbers.
+    depth = np.sqrt(np.rint(texels * texels)) * np.float32(texel_um)
     level = cv2.GaussianBlur(np.minimum(depth, DOME_REACH_UM), (0, 0), 2.5)
-    slope_x = cv2.Sobel(level, cv2.CV_32F, 1, 0, ksize=3, scale=1.0 / 8.0)[inner]
-    slope_y = cv2.Sobel(level, cv2.CV_32F, 0, 1, ksize=3, scale=1.0 / 8.0)[inner]
-    steep = _EDGE_SLOPE * (1.0 - level[inner] / DOME_REACH_UM) / texel_um
-    across, down = slope_x * steep + _ROUGHNESS * noise[0], slope_y * steep + _ROUGHNESS * noise[1]
-    gains = {}
-    for lamp, (towards_x, towards_y) in _TOWARDS_LAMP.items():
+    slope_x = cv2.Sobel(level, cv2.CV_32F, 1, 0, ksize=3, scale=1.0 / 8.0)[at]
+    slope_y = cv2.Sobel(level, cv2.CV_32F, 0, 1, ksize=3, scale=1.0 / 8.0)[at]
+    steep = _EDGE_SLOPE * (1.0 - level[at] / DOME_REACH_UM) / texel_um
+    return slope_x * steep, slope_y * steep
+
+
+def _shine(planes: Sequence[Plane], at: Index, slopes: tuple[Field, Field], noise: tuple[Field, Field]) -> None:
+    """Multiply the planes, at those texels counted row by row, by how much of each lamp is thrown into the lens."""
+    across, down = (slope + _ROUGHNESS * field.reshape(-1)[at] for slope, field in zip(slopes, noise, strict=True))
+    for lamp, lit in (("white", planes[:3]), ("red", planes[3:])):
+        towards_x, towards_y = _TOWARDS_LAMP[lamp]
         away = (across - towards_x) ** 2 + (down - towards_y) ** 2
-        gain = 0.5 + 0.85 * np.exp(-away / (2.0 * _SHINE**2))
-        gains[lamp] = np.where(metal[inner] > 0, gain, 1.0).astype(np.float32)
-    return gains
-
-
-def apply_gain(planes: Sequence[Plane], gains: dict[str, Field]) -> list[Plane]:
-    """Return the planes under each lamp's gain."""
-    each = [gains["white"]] * 3 + [gains["red"]]
-    return [_times(plane, gain) for plane, gain in zip(planes, each, strict=True)]
+        gain = (0.5 + 0.85 * np.exp(-away / (2.0 * _SHINE**2))).astype(np.float32)
+        for plane in lit:
+            flat = plane.reshape(-1)
+            flat[at] = _times(flat[None, at], gain[None])  # rows: OpenCV takes a short array for a colour
 
 
 def tarnished(planes: Sequence[Plane], metal: Plane, noise: Field, oxide: float) -> list[Plane]:

@@ -6,7 +6,7 @@ What is NOT modelled: their shadows, legs and end caps, and what a lens blurs of
 from __future__ import annotations
 
 import random
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import cv2
@@ -156,8 +156,6 @@ def _print_on(image: Image, seen: _Seen) -> None:
             )
 
 
-def cut_out(above: Sequence[Image], below: Sequence[Image], front: Image) -> None:
+def cut_out(above: Image, below: Image, front: Image) -> None:
     """Put back what was seen before (`below`) wherever `front` is set."""
-    hidden = front > 0
-    for image, before in zip(above, below, strict=True):
-        image[hidden] = before[hidden]
+    cv2.copyTo(below, front, above)

@@ -20,9 +20,9 @@ _BENCH = (*BENCH_WHITE, BENCH_RED)
 class Ground:
     """Draw board, card and bench without probe and shadow. Not to be used by two threads at once."""
 
-    def __init__(self, optics: Optics, nest: InNest, seed: int) -> None:
+    def __init__(self, optics: Optics, nest: InNest, seed: int, tiles: int | None = None) -> None:
         self._optics = optics
-        self._seed = seed
+        self._seed, self._tiles = seed, tiles
         self._empty: EmptyNest | None = None
         self._lay(nest)
         self._print = CardPrint(seed)
@@ -41,7 +41,7 @@ class Ground:
     def _lay(self, nest: InNest) -> None:
         board = nest.board
         self._nest, self._board = nest, board
-        self._texture = BoardTexture(board, self._seed, nest.finish, nest.marks)
+        self._texture = BoardTexture(board, self._seed, nest.finish, nest.marks, self._tiles)
         self._texel_to_mm = np.linalg.inv(self._texture.from_mm(board))
         self._bodies = BodyArtist(self._optics, board) if board.bodies else None
 

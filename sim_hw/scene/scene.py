@@ -78,16 +78,21 @@ def watch(plant: ScenePlant, start_s: float, exposure_s: float) -> tuple[Head, .
 
 
 class Scene:
-    """Draw frames of one board side under one camera. Not to be used by two threads at once."""
+    """Draw frames of one board side under one camera. Not to be used by two threads at once.
 
-    def __init__(self, plant: ScenePlant, board: Board, faults: SceneFaults, seed: int) -> None:
+    `tiles` is how many tiles of the board's texture are kept; None: as many as make a station of some 300 MB.
+    """
+
+    def __init__(
+        self, plant: ScenePlant, board: Board, faults: SceneFaults, seed: int, tiles: int | None = None
+    ) -> None:
         self._plant = plant
         self._nest = InNest.made(board)
         self._faults = faults
         self._seed = seed
         self.optics = make_optics()
         self.needle = Needle(self.optics, seed)
-        self._ground = Ground(self.optics, self._nest, seed)
+        self._ground = Ground(self.optics, self._nest, seed, tiles)
         self._sensor = Sensor(seed)
         self._ready = False
         self._needle_key: tuple[float, float, float, float] | None = None
@@ -101,6 +106,11 @@ class Scene:
     def put(self, nest: InNest) -> None:
         """Show what lies in the nest now, from the next frame on; may be called from another thread."""
         self._nest = nest
+
+    @property
+    def lying(self) -> tuple[int, int]:
+        """Return numbers that stay the same as long as what lies in the nest looks the same: which it is, its marks."""
+        return self._nest.number, len(self._nest.marks)
 
     def render(self, shot: Shot) -> Image:
         """Return the frame (1200, 1600, 3) BGR uint8 of an exposure; the same shot gives the same frame."""
@@ -251,8 +261,9 @@ class Scene:
             return
         height, width = needle.alpha.shape
         front = self._ground.front
-        before = None if front is None else image.copy()
-        region = image[needle.top : needle.top + height, needle.left : needle.left + width]
+        place = np.s_[needle.top : needle.top + height, needle.left : needle.left + width]
+        region = image[place]
+        before = None if front is None else region.copy()
         look = needle.white if light == "white" else needle.red
         fit = np.s_[: region.shape[0], : region.shape[1]]
         planes = 1 if image.ndim == 2 else 3
@@ -260,7 +271,7 @@ class Scene:
         shade = np.asarray(cv2.merge([look[fit]] * planes)).reshape(region.shape)
         region[...] = np.clip(region + (shade - region) * alpha, 0.0, 255.0)
         if front is not None and before is not None:
-            cut_out([image], [before], front)
+            cut_out(region, before, front[place])
 
     def _add_glint(self, images: list[Image], state: Head, rng: np.random.Generator) -> None:
         """Put a small highlight on the probe's cylinder or somewhere on the board, in some frames."""

@@ -2,12 +2,14 @@
 
 Drawn in tiles when first looked at: a class per point (copper? open mask? silk? hole? board?) at twice the
 resolution, a reflectance per class, averaged down so that rims are smooth; then relief, tarnish and weave.
+Most of a board is the same as what is beside it, so that the mean is computed at the rims alone.
 Rows run against y: texel (0, 0) is the upper left of the board as it lies in the robot, margin included.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -18,7 +20,7 @@ from sim_hw.board.finish import Finish
 from sim_hw.board.nest import Mark
 from sim_hw.board.shapes import Shape
 from sim_hw.board.surface import BOARD, COPPER, HOLE, INK, LEAD, OPEN, SOLDER
-from sim_hw.scene.blemish import apply_gain, dirt, lay_dent, lay_spot, tarnished, tin_gain
+from sim_hw.scene.blemish import dirt, lay_dent, lay_spot, lay_tin, tarnished
 from sim_hw.scene.palette import BENCH_RED, BENCH_WHITE, palette
 from sim_hw.scene.tiles import TILE, Tile, TileStore
 
@@ -36,15 +38,18 @@ _SHIFT = 4
 _BORDER = 40
 """Texels round a tile that domed metal is drawn with, so that domes go on over its borders."""
 
-_BENCH, _COVERED, _BARE = 0, 1, 2
+_ALL_BITS = 255
 _BITS = np.arange(256)
 _IS_BARE = (_BITS & OPEN != 0) & (_BITS & COPPER != 0)
-_KIND = np.where(_BITS & BOARD == 0, _BENCH, np.where(_IS_BARE, _BARE, _COVERED)).astype(np.uint8)
-"""What surface a class is, for its fine structure."""
+_BENCH = np.where(_BITS & BOARD == 0, 255, 0).astype(np.uint8)
+_BARE = np.where((_BITS & BOARD != 0) & _IS_BARE, 255, 0).astype(np.uint8)
+"""What surface a class is, for its fine structure; all else is mask or laminate."""
 _METAL = np.where((_IS_BARE & (_BITS & HOLE == 0) | (_BITS & LEAD != 0)) & (_BITS & BOARD != 0), 255, 0)
 _METAL = _METAL.astype(np.uint8)
 _SOLDERED = np.where((_METAL > 0) & (_BITS & SOLDER != 0) & (_BITS & LEAD == 0), 255, 0).astype(np.uint8)
 _COVERED_COPPER = np.where((_BITS & (COPPER | OPEN)) == COPPER, 255, 0).astype(np.uint8)
+_LIGHTER, _DARKER = (_BITS >> 4).astype(np.uint8), ((_BITS + 15) >> 4).astype(np.uint8)
+"""Relief by how much the copper rises or falls there: a sixteenth, rounded down towards the dark."""
 
 
 def periodic_noise(rng: np.random.Generator, scale_texels: float) -> npt.NDArray[np.float32]:
@@ -56,24 +61,80 @@ def periodic_noise(rng: np.random.Generator, scale_texels: float) -> npt.NDArray
     return np.asarray((field - field.mean()) / field.std(), dtype=np.float32)
 
 
+@dataclass(frozen=True)
+class _Layer:
+    """Polygons of one bit: corners in fractions of class points (int32), polarities, boxes (N, 4) in texels."""
+
+    bit: int
+    outlines: list[npt.NDArray[np.int32]]
+    dark: list[bool]
+    boxes: npt.NDArray[np.float64]
+
+    def touching(self, left: int, top: int, texels: int) -> list[int]:
+        """Return which polygons may show in a square, in drawing order."""
+        boxes = self.boxes
+        hit = (boxes[:, 0] <= left + texels) & (boxes[:, 2] >= left)
+        hit &= (boxes[:, 1] <= top + texels) & (boxes[:, 3] >= top)
+        found: list[int] = np.flatnonzero(hit).tolist()
+        return found
+
+    def paint(self, classes: Image, chosen: list[int], left: int, top: int) -> None:
+        """Add the bit to the classes of a square where the chosen polygons lie."""
+        layer = np.zeros_like(classes)  # of full size: a polygon's rim depends a little on where it is cut off
+        away = np.array((left, top), dtype=np.int32) * (_FINE << _SHIFT)
+        for k in chosen:
+            cv2.fillPoly(layer, [self.outlines[k] - away], self.bit if self.dark[k] else 0, cv2.LINE_8, _SHIFT)
+        boxes = (self.boxes[chosen] - (left, top, left, top)) * _FINE
+        x0, y0 = np.maximum(boxes[:, :2].min(axis=0).astype(int) - 2, 0)
+        x1, y1 = np.maximum(boxes[:, 2:].max(axis=0).astype(int) + 3, 0)
+        cv2.bitwise_or(classes[y0:y1, x0:x1], layer[y0:y1, x0:x1], dst=classes[y0:y1, x0:x1])
+
+
+class _Points:
+    """The four class points of each texel. `small` (N, N) is the class of the first: of all four but at rims."""
+
+    def __init__(self, classes: Image) -> None:
+        self.small = _at_texels(classes)
+        same = self.small.astype(np.uint16) * np.uint16(257)  # two equal bytes beside each other
+        pairs = classes.view(np.uint16)
+        self._rims = np.flatnonzero((pairs[::2] != same) | (pairs[1::2] != same))
+        rows, columns = np.divmod(self._rims, self.small.shape[1])
+        self._four = [classes[_FINE * rows + i, _FINE * columns + j] for i in range(_FINE) for j in range(_FINE)]
+
+    def mean(self, table: Image) -> Image:
+        """Return what a table says of each texel's points, averaged; halves are rounded up."""
+        plane = _looked_up(self.small, table)
+        wide = table.astype(np.uint16)
+        first, second, third, fourth = (wide[points] for points in self._four)
+        plane.reshape(-1)[self._rims] = (first + second + third + fourth + 2) >> 2
+        return plane
+
+
 class BoardTexture:
     """Hold the images of a board side, uint8: `image` (H, W, 4) is `white` (BGR) and `red` in one.
 
-    One array of four channels is warped faster than one of three.
+    One array of four channels is warped faster than one of three. `tiles` is how many are kept, see TileStore.
     """
 
-    def __init__(self, board: Board, seed: int, finish: Finish | None = None, marks: Sequence[Mark] = ()) -> None:
+    def __init__(
+        self,
+        board: Board,
+        seed: int,
+        finish: Finish | None = None,
+        marks: Sequence[Mark] = (),
+        tiles: int | None = None,
+    ) -> None:
         width_mm, height_mm = board.size_mm
         per_mm = 1e3 / TEXEL_UM
         self.width = int((width_mm + 2 * MARGIN_MM) * per_mm)
         self.height = int((height_mm + 2 * MARGIN_MM) * per_mm)
-        self._tiles = TileStore(self.width, self.height)
+        self._tiles = TileStore(self.width, self.height, tiles)
         self.image: Image = self._tiles.image
         self._board, self._marks, self._marks_seen = board, marks, len(marks)
         self._finish = finish = finish or Finish()
         none = (0.0, 0.0)
         self._layers = tuple(
-            (bit, [self._placed(shape, board, shift_um) for shape in shapes])
+            self._placed(bit, shapes, board, shift_um)
             for bit, shapes, shift_um in (
                 (COPPER, board.layers.copper, none),
                 (OPEN, board.layers.mask, finish.mask_shift_um),
@@ -84,8 +145,7 @@ class BoardTexture:
                 (LEAD, board.layers.leads, none),
             )
         )
-        self._boxes = [np.array([box for _, _, box in shapes]).reshape(-1, 4) for _, shapes in self._layers]
-        self._palette = palette(finish)
+        self._palette = [np.ascontiguousarray(plane) for plane in palette(finish).T]
         rng = np.random.default_rng(seed)
         slow, medium, fine = (periodic_noise(rng, scale) for scale in (170.0, 22.0, 2.5))
         self._mask_look = np.clip(128 + 9 * slow + 5 * medium + 4 * fine, 90, 170).astype(np.uint8)
@@ -116,17 +176,20 @@ class BoardTexture:
         return np.array([[per_mm, 0.0, left], [0.0, -per_mm, top], [0.0, 0.0, 1.0]])
 
     @staticmethod
-    def _placed(
-        shape: Shape, board: Board, shift_um: tuple[float, float]
-    ) -> tuple[npt.NDArray[np.float32], bool, tuple[float, ...]]:
-        """Return outline in class points (fine grid), its polarity and its box in texels."""
+    def _placed(bit: int, shapes: Sequence[Shape], board: Board, shift_um: tuple[float, float]) -> _Layer:
+        """Return a layer as it lies in the image."""
         x0, _, x1, y1 = board.outline_mm
-        u = shape.outline_mm[:, 0] - x0 if board.side == "top" else x1 - shape.outline_mm[:, 0]
         per_mm = 1e3 / TEXEL_UM
-        columns = (u + MARGIN_MM) * per_mm + shift_um[0] / TEXEL_UM
-        rows = (y1 + MARGIN_MM - shape.outline_mm[:, 1]) * per_mm - shift_um[1] / TEXEL_UM
-        box = (float(columns.min()), float(rows.min()), float(columns.max()), float(rows.max()))
-        return (np.column_stack((columns, rows)).astype(np.float32), shape.dark, box)
+        outlines, boxes = [], []
+        for shape in shapes:
+            u = shape.outline_mm[:, 0] - x0 if board.side == "top" else x1 - shape.outline_mm[:, 0]
+            columns = (u + MARGIN_MM) * per_mm + shift_um[0] / TEXEL_UM
+            rows = (y1 + MARGIN_MM - shape.outline_mm[:, 1]) * per_mm - shift_um[1] / TEXEL_UM
+            boxes.append((columns.min(), rows.min(), columns.max(), rows.max()))
+            corners = np.column_stack((columns, rows)).astype(np.float32).astype(np.float64)
+            centred = corners * _FINE - 0.5  # centres of class points at integers
+            outlines.append(np.round(centred * (1 << _SHIFT)).astype(np.int32))
+        return _Layer(bit, outlines, [shape.dark for shape in shapes], np.array(boxes).reshape(-1, 4))
 
     def ensure(self, x0: int, y0: int, x1: int, y1: int) -> None:
         """Draw the tiles that cover these texels, if they are not drawn yet; what was left long ago may be given up."""
@@ -184,31 +247,33 @@ class BoardTexture:
 
     def _draw_tile(self, i: int, j: int) -> None:
         left, top = j * TILE, i * TILE
-        classes = self._classes(left, top)
-        planes = [cv2.LUT(classes, self._palette[:, k]) for k in range(4)]
-        look = [cv2.resize(plane, (TILE, TILE), interpolation=cv2.INTER_AREA) for plane in planes]
-        small = _at_texels(classes)
-        kind = cv2.LUT(small, _KIND)
-        variation = np.where(kind == _BARE, self._pad_look, self._mask_look)
-        variation[kind == _BENCH] = 128
-        relief = self._relief(classes)
-        lit = [cv2.add(plane, relief, dtype=cv2.CV_8U) for plane in look]
-        fine = [np.asarray(cv2.multiply(plane, variation, scale=1.0 / 128.0), dtype=np.uint8) for plane in lit]
-        shaded = self._blemished(fine, small, left, top)
+        points = _Points(self._classes(left, top))
+        lighter, darker = self._relief(points)
+        variation = self._variation(points.small)
+        planes = []
+        for table in self._palette:
+            lit = cv2.subtract(cv2.add(points.mean(table), lighter), darker)
+            planes.append(np.asarray(cv2.multiply(lit, variation, scale=1.0 / 128.0), dtype=np.uint8))
+        shaded = self._blemished(planes, points.small, left, top)
         height, width = min(TILE, self.height - top), min(TILE, self.width - left)
-        view = np.s_[top : top + height, left : left + width]
-        for k, plane in enumerate(shaded):
-            self.image[view][..., k] = cv2.GaussianBlur(plane, (3, 3), 0.7)[:height, :width]
+        blurred = cv2.GaussianBlur(cv2.merge(shaded), (3, 3), 0.7)
+        self.image[top : top + height, left : left + width] = blurred[:height, :width]
+
+    def _variation(self, small: Image) -> Image:
+        """Return the fine structure (TILE, TILE) of what is there, 128 for none."""
+        variation: Image = self._mask_look.copy()
+        bare, bench = _looked_up(small, _BARE), _looked_up(small, _BENCH)
+        cv2.copyTo(self._pad_look, bare, variation)
+        if bench.any():
+            variation[bench > 0] = 128
+        return variation
 
     def _blemished(self, planes: list[Image], small: Image, left: int, top: int) -> list[Image]:
         """Return the planes with what time, tin, dirt and the needle did to the board."""
         if self._patches is not None:
             planes = tarnished(planes, _looked_up(small, _METAL), self._patches, self._finish.oxide)
         if self._rough is not None:
-            wide = self._classes(left - _BORDER, top - _BORDER, TILE + 2 * _BORDER)
-            tinned = _looked_up(_at_texels(wide), _METAL if self._finish.metal == "hasl" else _SOLDERED)
-            if tinned.any():
-                planes = apply_gain(planes, tin_gain(tinned, self._rough, TEXEL_UM, _BORDER))
+            lay_tin(planes, self._tinned(left, top), self._rough, TEXEL_UM, _BORDER)
         for spot in self._spots:
             x0, y0, x1, y1 = spot.box
             if x0 <= left + TILE and x1 >= left and y0 <= top + TILE and y1 >= top:
@@ -219,34 +284,34 @@ class BoardTexture:
                 lay_dent(planes, (x - left, y - top), mark.radius_um / TEXEL_UM)
         return planes
 
-    @staticmethod
-    def _relief(classes: Image) -> npt.NDArray[np.int16]:
-        """Return the light and shade (TILE, TILE) at the edges of copper that the mask covers."""
-        covered = cv2.LUT(classes, _COVERED_COPPER)
-        small = cv2.GaussianBlur(cv2.resize(covered, (TILE, TILE), interpolation=cv2.INTER_AREA), (7, 7), 1.6)
-        slope = small.astype(np.int16)
-        relief = np.zeros_like(slope)
-        relief[2:, 2:] = (slope[2:, 2:] - slope[:-2, :-2]) >> 4
-        return relief
+    def _tinned(self, left: int, top: int) -> Image | None:
+        """Return where a tile and its surroundings are domed (255), or None where nothing is."""
+        wide = (left - _BORDER, top - _BORDER, TILE + 2 * _BORDER)
+        hasl = self._finish.metal == "hasl"
+        needed = OPEN | LEAD if hasl else SOLDER
+        if not any(layer.bit & needed and layer.touching(*wide) for layer in self._layers):
+            return None
+        return _looked_up(_at_texels(self._classes(*wide, bits=_ALL_BITS & ~INK)), _METAL if hasl else _SOLDERED)
 
-    def _classes(self, left: int, top: int, texels: int = TILE) -> Image:
+    @staticmethod
+    def _relief(points: _Points) -> tuple[Image, Image]:
+        """Return how much lighter and how much darker (TILE, TILE) the edges of copper are that the mask covers."""
+        slope = np.asarray(cv2.GaussianBlur(points.mean(_COVERED_COPPER), (7, 7), 1.6), dtype=np.uint8)
+        here, before = slope[2:, 2:], slope[:-2, :-2]
+        lighter, darker = np.zeros_like(slope), np.zeros_like(slope)
+        lighter[2:, 2:] = _looked_up(np.asarray(cv2.subtract(here, before), dtype=np.uint8), _LIGHTER)
+        darker[2:, 2:] = _looked_up(np.asarray(cv2.subtract(before, here), dtype=np.uint8), _DARKER)
+        return lighter, darker
+
+    def _classes(self, left: int, top: int, texels: int = TILE, bits: int = _ALL_BITS) -> Image:
+        """Return the classes of a square's points, with those bits that are asked for."""
         size = texels * _FINE
         classes = np.zeros((size, size), dtype=np.uint8)
-        for (bit, shapes), boxes in zip(self._layers, self._boxes, strict=True):
-            layer = np.zeros((size, size), dtype=np.uint8)
-            for k in self._touching(boxes, left, top, texels):
-                outline, dark, _ = shapes[k]
-                corners = (outline - (left, top)) * _FINE - 0.5  # centres of class points at integers
-                fixed = np.round(corners * (1 << _SHIFT)).astype(np.int32)
-                cv2.fillPoly(layer, [fixed], bit if dark else 0, cv2.LINE_8, _SHIFT)
-            cv2.bitwise_or(classes, layer, dst=classes)
+        for layer in self._layers:
+            chosen = layer.touching(left, top, texels) if layer.bit & bits else []
+            if chosen:
+                layer.paint(classes, chosen, left, top)
         return classes
-
-    @staticmethod
-    def _touching(boxes: npt.NDArray[np.float64], left: int, top: int, texels: int) -> Iterator[int]:
-        hit = (boxes[:, 0] <= left + texels) & (boxes[:, 2] >= left)
-        hit &= (boxes[:, 1] <= top + texels) & (boxes[:, 3] >= top)
-        yield from np.flatnonzero(hit).tolist()
 
 
 def _at_texels(classes: Image) -> Image:

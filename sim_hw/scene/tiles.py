@@ -17,13 +17,17 @@ _BYTES = 4
 MOST_TILES = 28
 """4 MiB each. A picture shows ten to twenty-five, and where the head goes next is drawn while it travels."""
 KEPT_WHOLE = 44
-"""A board of no more tiles than this is kept whole."""
+"""A board of no more tiles than this is kept whole, and drawn whole before anybody asks."""
 
 
 class TileStore:
-    """An image (height, width, 4) of zeros, and which of its tiles (row, column) hold something."""
+    """An image (height, width, 4) of zeros, and which of its tiles (row, column) hold something.
 
-    def __init__(self, width: int, height: int) -> None:
+    `most` is how many it keeps; None: MOST_TILES, or KEPT_WHOLE of a small board. However many it may keep, no more
+    than that are drawn unasked: who has much memory has not more time.
+    """
+
+    def __init__(self, width: int, height: int, most: int | None = None) -> None:
         columns = -(-width // TILE) * TILE
         self._stride = columns * _BYTES
         # Private pages: those nobody wrote to cost nothing, and those given back are zeros again.
@@ -31,7 +35,9 @@ class TileStore:
         whole = np.frombuffer(self._memory, dtype=np.uint8).reshape(height, columns, _BYTES)
         self.image: Image = whole[:, :width]
         self.rows, self.columns = -(-height // TILE), -(-width // TILE)
-        self._most = MOST_TILES if self.rows * self.columns > KEPT_WHOLE else KEPT_WHOLE
+        usual = MOST_TILES if self.rows * self.columns > KEPT_WHOLE else KEPT_WHOLE
+        self._most = usual if most is None else most
+        self._unasked = min(usual, self._most)
         self._height = height
         self._held: dict[Tile, None] = {}
 
@@ -40,8 +46,8 @@ class TileStore:
         return tile in self._held
 
     def full(self) -> bool:
-        """Tell whether another tile would cost one that is held."""
-        return len(self._held) >= self._most
+        """Tell whether so many tiles are held that no other is drawn unasked."""
+        return len(self._held) >= self._unasked
 
     def missing(self) -> list[Tile]:
         """Return the tiles that are not drawn."""

@@ -307,6 +307,7 @@ def test_it_ends_cleanly_and_leaves_nothing_behind(tmp_path: Path, how: signal.S
         (("--set", "board_dx_um"), "needs KNOB=VALUE"),
         (("--speed", "0"), "--speed must be above 0"),
         (("--side", "left"), "invalid choice"),
+        (("--tiles", "0"), "--tiles must be 1 or more"),
         (("--meter-port", "70000"), "--meter-port must be 0 to 65535"),
         (("--meter-line", "/nonexistent/meter"), "No such file"),
         (("--board", "/nonexistent"), "is not a folder"),

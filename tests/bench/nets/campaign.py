@@ -26,6 +26,8 @@ from tests.bench.nets.records import Record, Station
 from tests.bench.nets.station import Shares, Tester
 from tests.station.rig import Rig, running_rig
 
+TILES = "250"
+"""A station's picture of its board may take a gigabyte: drawing a large board again for each place takes the time."""
 SENSE = '\n[sense]\nkind = "drive_input"\n'
 BROKEN = (StartError, Refused, NoAnswer, SetUpFailed, RunFailed, OSError, ValueError, AssertionError)
 
@@ -171,8 +173,7 @@ class _Life:
 
 def _rig(plan: Plan, batch: Batch, folder: Path) -> AbstractContextManager[Rig]:
     return running_rig(
-        folder, seed=batch.seed, arguments=("--unpaced", "--speed", f"{plan.speed:g}"), folder=batch.kind.folder,
-        side=batch.kind.side, assembled=batch.kind.assembled, waits_for_speed=plan.speed, reply_ms=REPLY_MS,
-        pictures="failed", electric=True,
-        more_settings=SENSE,
+        folder, seed=batch.seed, arguments=("--unpaced", "--speed", f"{plan.speed:g}", "--tiles", TILES),
+        folder=batch.kind.folder, side=batch.kind.side, assembled=batch.kind.assembled, waits_for_speed=plan.speed,
+        reply_ms=REPLY_MS, pictures="failed", electric=True, more_settings=SENSE,
     )  # fmt: skip

@@ -3,6 +3,7 @@ import contextlib
 import json
 import time
 from collections.abc import AsyncIterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import zmq
 import zmq.asyncio
 
 from sim_hw.board.board import load_board
+from sim_hw.board.nest import InNest, Mark
 from sim_hw.camera.server import CameraServer
 from sim_hw.plant.clock import SimClock
 from sim_hw.plant.faults import Faults
@@ -312,3 +314,27 @@ async def test_a_mirrored_camera_delivers_its_frames_flipped_left_to_right(tmp_p
     assert not np.array_equal(frames[0], frames[1])
     assert np.array_equal(frames[0], frames[1][:, ::-1])
     assert np.array_equal(frames[0], frames[2])
+
+
+async def test_the_worker_rests_until_the_head_goes_elsewhere_or_another_board_lies_there(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    goals: list[Any] = []
+    monkeypatch.setattr(rig.server.scene, "draw_ahead", goals.append)
+
+    async def until(count: int) -> None:
+        async with asyncio.timeout(PATIENCE_S):
+            while len(goals) < count:  # noqa: ASYNC110 - nothing tells
+                await asyncio.sleep(0.01)
+        await asyncio.sleep(0.3)  # a few looks at what is to be done
+        assert len(goals) == count
+
+    async with rig.running():
+        await until(1)
+        rig.plant.head = replace(rig.plant.head, tip_x_um=rig.plant.head.tip_x_um + 100.0)
+        await until(2)
+        nest = InNest.made(load_board(DEMO, "bottom"))
+        rig.server.scene.put(nest)
+        await until(3)
+        nest.marks.append(Mark(1.0, 1.0, 30.0))
+        await until(4)

@@ -45,3 +45,33 @@ def test_what_the_head_goes_to_is_drawn_first() -> None:
     assert texture.draw_one_more(there)
     assert texture.image[2 * TILE : 3 * TILE, 3 * TILE : 4 * TILE].any()
     assert not texture.image[:TILE].any()
+
+
+def test_a_store_told_to_keep_more_keeps_more_and_one_told_less_keeps_less() -> None:
+    every = [(i, j) for i in range(9) for j in range(9)]
+    for most, kept, unasked in ((None, tiles.MOST_TILES, tiles.MOST_TILES), (60, 60, tiles.MOST_TILES), (3, 3, 3)):
+        store = TileStore(9 * TILE, 9 * TILE, most)
+        for count, tile in enumerate(every):
+            assert store.full() == (count >= unasked), "as many are drawn unasked as ever, or fewer"
+            store.hold(tile)
+        store.forget_beyond(every[-1:])
+        assert [tile for tile in every if store.holds(tile)] == every[-kept:]
+
+
+def test_a_large_memory_is_filled_by_looking_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tiles, "MOST_TILES", 4)
+    monkeypatch.setattr(tiles, "KEPT_WHOLE", 4)
+    texture = BoardTexture(load_board(DEMO), seed=4, tiles=30)
+    unasked = 0
+    while texture.draw_one_more():
+        unasked += 1
+    assert unasked == 4
+    texture.ensure(2 * TILE, 2 * TILE, 5 * TILE, 5 * TILE)
+    assert not texture.draw_one_more()
+    for i, j in ((0, 0), *((i, j) for i in range(2, 5) for j in range(2, 5))):
+        assert texture.image[i * TILE : (i + 1) * TILE, j * TILE : (j + 1) * TILE].any()
+    there = (5, 5, 9, 5 * TILE + 9)
+    while texture.draw_one_more(there):
+        pass
+    assert texture.image[4 * TILE : 5 * TILE, :TILE].any(), "where the head goes is drawn all the same"
+    assert not texture.image[:TILE, 5 * TILE :].any()
