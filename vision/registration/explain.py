@@ -25,6 +25,8 @@ DISTINCT = 0.1
 IN_NEST_UM, EXPLAINS_FAR = 10_000.0, 0.75
 """A nest holds the board's middle within this, however the board lies in it. Of ways that explain the picture alike
 those are meant that the nest allows; any other has to explain more."""
+MOST_BESIDE = 0.5
+"""What has more of all that is bright beside the board explains nothing: agreement asks for what lies on it alone."""
 PEAKS = 2
 _SAME_UM = 100.0
 BRIGHT, LEAST_BRIGHT = 0.9, 0.003
@@ -160,7 +162,9 @@ def _lie(picture: Picture, about_um: tuple[float, float], whole: Whole, place: P
     if fit is not None:
         start = fit.pose
         levels = wide.wide_levels(sheet, shown, fit.pose, fit.levels)
-        agrees = wide.agreement(sheet, shown, wide.draw_view(sheet, shown, fit.pose, levels)).all
+        view = wide.draw_view(sheet, shown, fit.pose, levels)
+        if wide.bright_beside(sheet, shown, view) <= MOST_BESIDE:
+            agrees = wide.agreement(sheet, shown, view).all
     there = start.apply(*about_um)
     off = (there[0] - about_um[0], there[1] - about_um[1])
     return Lie(other_side, start.turn_deg, place.x_um, place.y_um, agrees, off, _middle_off_um(whole, start))

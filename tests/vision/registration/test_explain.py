@@ -10,6 +10,7 @@ from vision.registration import (
     NotRegistered,
     Polygon,
     Refusal,
+    Registration,
     SideLayers,
     Target,
     Whole,
@@ -141,3 +142,30 @@ def test_a_board_far_off_its_nest_has_to_explain_more(agreement: float, reason: 
     assert named(NotRegistered(Refusal.AMBIGUOUS, "two fit"), [far], 0.1).reason is reason
     near = replace(far, off_um=(5000.0, 0.0), middle_off_um=5000.0)
     assert named(NotRegistered(Refusal.AMBIGUOUS, "two fit"), [near], 0.1).reason is Refusal.WRONG_PLACE
+
+
+def _corner_of(layers: SideLayers, x_um: float, y_um: float) -> SideLayers:
+    """Return a side that begins at a place of another, and is like it from there on."""
+
+    def there(polygons: tuple[Polygon, ...]) -> tuple[Polygon, ...]:
+        far = (p for p in polygons if (p.points_um > (x_um, y_um)).all())
+        return tuple(replace(p, points_um=p.points_um - (x_um, y_um)) for p in far)
+
+    holes = tuple(replace(h, x_um=h.x_um - x_um, y_um=h.y_um - y_um) for h in layers.holes)
+    return replace(
+        layers, copper=there(layers.copper), openings=there(layers.openings), ink=there(layers.ink),
+        holes=tuple(h for h in holes if h.x_um > 0.0 and h.y_um > 0.0),
+    )  # fmt: skip
+
+
+def test_a_side_that_has_most_of_what_is_bright_beside_it_explains_nothing() -> None:
+    """Agreement asks for what lies on the board alone: of a corner that fits, it knows nothing of the rest."""
+    here, _, _, whole, _ = sides()
+    target = Target(14_000.0, 11_000.0, circle(14_000.0, 11_000.0, 700.0))
+    shot = shoot(here, target, Lie(), np.random.default_rng(2))
+    other = draw_whole(_corner_of(here, target.x_um, target.y_um))
+    answer = register(prepare(here, (target.x_um, target.y_um)), shot.frame, shot.assumed, None)
+    assert isinstance(answer, Registration)
+    poor = NotRegistered(Refusal.NOT_THIS_BOARD, "little of it agrees", replace(answer, agreement=0.5))
+    about_um = (target.x_um, target.y_um)
+    assert explain(poor, shot.frame, shot.assumed, about_um, whole, other).reason is not Refusal.WRONG_SIDE
