@@ -160,7 +160,7 @@ def _corner_of(layers: SideLayers, x_um: float, y_um: float) -> SideLayers:
 
 def test_a_side_that_has_most_of_what_is_bright_beside_it_explains_nothing() -> None:
     """Agreement asks for what lies on the board alone: of a corner that fits, it knows nothing of the rest."""
-    here, _, _, whole, _ = sides()
+    here, _, unlike, _, _ = sides()
     target = Target(14_000.0, 11_000.0, circle(14_000.0, 11_000.0, 700.0))
     shot = shoot(here, target, Lie(), np.random.default_rng(2))
     other = draw_whole(_corner_of(here, target.x_um, target.y_um))
@@ -168,4 +168,5 @@ def test_a_side_that_has_most_of_what_is_bright_beside_it_explains_nothing() -> 
     assert isinstance(answer, Registration)
     poor = NotRegistered(Refusal.NOT_THIS_BOARD, "little of it agrees", replace(answer, agreement=0.5))
     about_um = (target.x_um, target.y_um)
-    assert explain(poor, shot.frame, shot.assumed, about_um, whole, other).reason is not Refusal.WRONG_SIDE
+    named = explain(poor, shot.frame, shot.assumed, about_um, draw_whole(unlike), other)
+    assert named.reason is Refusal.NOT_THIS_BOARD
