@@ -119,10 +119,11 @@ async def look_and_aim(
     prior: Prior | None = None,
     *,
     moves_next: bool = False,
+    is_last: bool = False,
 ) -> Aim:
     """Look from `position` and find the way to `point`; a `Fault` says what could not be seen.
 
-    moves_next: that way will be gone at once, and looked at again.
+    moves_next: that way will be gone at once, and looked at again. is_last: it will hardly be gone.
 
     What is unclear is looked at again from the same place: the camera's noise is another, nothing moves. Registration
     is not at the mercy of noise.
@@ -131,11 +132,11 @@ async def look_and_aim(
     again = {FaultCode.TIP_NOT_FOUND} if context.by_cad else UNCLEAR | {FaultCode.TIP_NOT_FOUND}
     for _ in range(AGAIN):
         try:
-            return await _aim(job, context, position, point, pose_map, prior, moves_next=moves_next)
+            return await _aim(job, context, position, point, pose_map, prior, moves_next=moves_next, is_last=is_last)
         except Fault as unclear:
             if unclear.kind not in again:
                 raise
-    return await _aim(job, context, position, point, pose_map, prior, moves_next=moves_next)
+    return await _aim(job, context, position, point, pose_map, prior, moves_next=moves_next, is_last=is_last)
 
 
 def another_view_helps(context: StationContext, fault: Fault, prior: Prior | None = None) -> bool:
@@ -166,6 +167,7 @@ async def _aim(
     prior: Prior | None,
     *,
     moves_next: bool,
+    is_last: bool,
 ) -> Aim:
     """Take one look."""
     model = context.calibrations.require_probe()
@@ -177,11 +179,12 @@ async def _aim(
         last = prior.last if prior is not None else None
         by_cad = await board_search(context, position, point, pose_map, last)
         look = await look_by_cad(
-            job, context, position, model, by_cad, by_seat=True, astray_um=astray_um, moves_next=moves_next
-        )
+            job, context, position, model, by_cad, by_seat=True, astray_um=astray_um, moves_next=moves_next,
+            is_last=is_last,
+        )  # fmt: skip
     else:
         search = Search.by_map(pose_map, model.tip_px, point, reach_um, height_um)
-        look = await context.station.look(position, model, search, job, moves_next=moves_next)
+        look = await context.station.look(position, model, search, job, moves_next=moves_next, is_last=is_last)
         job.saw(look)
     target: TestPoint | Registered
     try:

@@ -174,7 +174,7 @@ async def _look(
     try:
         # After a look that nothing was known before, it is hardly ever there already
         first = prior is None or not prior.firm
-        aim = await look_and_aim(job, context, position, point, pose_map, prior, moves_next=first)
+        aim = await look_and_aim(job, context, position, point, pose_map, prior, moves_next=first, is_last=not first)
     except Fault:
         await require_free(job, context, pose_map, go)
         raise
@@ -267,8 +267,7 @@ async def admit(job: JobContext, context: StationContext, request: Correct) -> t
     context.calibrations.require_probe()
     await require_board(context, request.board_id)
     pose_map = context.require_map()
-    await context.station.require_homed(job)  # first: a line that is dead is told as one, and not as a lamp
-    await context.station.prepare_white(job)  # it settles while the drives are asked
+    await context.station.require_homed(job, looks_next=True)
     position = await context.station.position(job)
     context.station.check(context.geometry.position_over(point.place_um, position.theta_deg))
     away_um = math.hypot(*context.geometry.from_tip_um(point.place_um, position))

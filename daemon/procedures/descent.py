@@ -57,7 +57,7 @@ async def hover_free(job: JobContext, context: StationContext, here: Position, g
         above = await go_straight(job, context, replace(here, z_um=above_um), ground)
     model = context.calibrations.require_probe()
     for _ in range(LOOKS_FOR_TIP):
-        look = await station.look_white(above, model, None, job)
+        look = await station.look_white(above, model, None, job, is_last=True)
         job.saw(look)
         if isinstance(look.tip, Tip):
             break

@@ -69,5 +69,6 @@ async def raise_into_sight(
 
 
 async def _seen(job: JobContext, context: StationContext, here: Position) -> bool:
-    job.saw(await context.station.look_white(here, context.calibrations.require_probe(), None, job))
+    probe = context.calibrations.require_probe()
+    job.saw(await context.station.look_white(here, probe, None, job, is_last=True))
     return tip_seen_at(job, here)

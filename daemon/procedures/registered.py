@@ -85,13 +85,14 @@ async def look_by_cad(
     by_seat: bool = False,
     astray_um: float | None = None,
     moves_next: bool = False,
+    is_last: bool = False,
 ) -> LookResult:
     """Take a look that is registered, count it, and keep what it taught of the map's far parts.
 
     by_seat: the verified seat may decide what the picture leaves open; not while the seat itself is looked for.
-    astray_um: so far from where its drives have it the head may stand. moves_next: as `Station.look`.
+    astray_um: so far from where its drives have it the head may stand. moves_next, is_last: as `Station.look`.
     """
-    look = await context.station.look(position, probe, search, job, moves_next=moves_next)
+    look = await context.station.look(position, probe, search, job, moves_next=moves_next, is_last=is_last)
     if by_seat:
         look = await decide_by_seat(look, context, astray_um)
     job.saw(look)

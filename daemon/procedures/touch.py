@@ -83,7 +83,7 @@ async def _admit(job: JobContext, context: StationContext, request: Touch) -> _A
             f"the pin may be pushed in by {most_um:g} um at most (gantry.overtravel_um), {press_um:g} were asked for",
             fields=[{"field": "press_um", "problem": f"at most {most_um:g}"}],
         )
-    await context.station.require_homed(job)
+    await context.station.require_homed(job, looks_next=True)
     await require_board(context, request.board_id)
     context.calibrations.require_probe()
     pose_map = context.require_map()

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import time
+from collections.abc import Awaitable
 from dataclasses import dataclass, replace
 
 from daemon.config.model import Config
@@ -170,12 +171,13 @@ class Station:
     ) -> Position:
         """Move, and let the needle know before and after."""
         self.needle.departs(target)
+        gantry = self._hardware.gantry
         try:
-            reached = await self._hardware.gantry.move_to(
-                target, deadline, from_above=from_above, slow_z_um=slow_z_um, clear=clear
-            )
-        finally:
+            reached = await gantry.move_to(target, deadline, from_above=from_above, slow_z_um=slow_z_um, clear=clear)
+            self._resting_since_s = gantry.at_rest_s
+        except BaseException:
             self._resting_since_s = time.monotonic()
+            raise
         self.needle.board.moved()
         self.needle.reported(reached)
         return reached
@@ -277,12 +279,24 @@ class Station:
         self.needle.free_pin, self.needle.blind = None, False  # Z went up to its switch before anything else moved
         await self.position(caller)
 
-    async def require_homed(self, caller: Clocked) -> None:
-        """Raise unless every drive still knows where it is."""
+    async def require_homed(self, caller: Clocked, *, looks_next: bool = False) -> None:
+        """Raise unless every drive still knows where it is.
+
+        looks_next: white is lit as soon as the first drive has answered, so that it settles while the others are asked;
+        a line that is dead is told as one, and not as a lamp.
+        """
         with caller.watch.spend("bus"):
-            homed = await self._hardware.gantry.homed(caller.deadline.within(HOMED_WITHIN_S))
-        if not homed:
-            raise Fault(FaultCode.NOT_HOMED)
+            homed = self._hardware.gantry.homed(caller.deadline.within(HOMED_WITHIN_S))
+            if not (await self._while_lighting(homed, caller) if looks_next else await homed):
+                raise Fault(FaultCode.NOT_HOMED)
+
+    async def _while_lighting(self, drives: Awaitable[bool], caller: Clocked) -> bool:
+        """Ask the drives; the line takes what is asked for the lamp behind their first question."""
+        async with beside(self._hardware.lights.set(Light.WHITE, caller.deadline)) as lamp:
+            homed = await drives
+            if homed:
+                await lamp
+        return homed
 
     @property
     def has_sense(self) -> bool:
@@ -307,19 +321,23 @@ class Station:
         caller: Clocked,
         *,
         moves_next: bool = False,
+        is_last: bool = False,
         measured: bool = False,
     ) -> LookResult:
         """Take white and red from where the head is, find the tip, and pads or the board; nothing moves.
 
         measured: for a calibration a tip that is carried from another picture will not do. moves_next: a move and
         another look will follow what is seen. So white is lit as soon as red is exposed, and the drives are asked while
-        the search goes on: the move finds both done.
+        the search goes on: the move finds both done. is_last: hardly another look will follow; it is dark once red is
+        exposed.
         """
         on_its_way = await self._frames.expose(Light.WHITE, self._still_at_s, caller)
         async with beside(self._tip_in(on_its_way, model, caller, measured=measured)) as tip_search:
             on_its_way = await self._frames.expose(Light.RED, self._still_at_s, caller)
             if moves_next:
                 await self.prepare_white(caller)
+            elif is_last:
+                await self.lights_off(caller)
             try:
                 white, tip = await tip_search
             except FrameLost:  # the light has changed meanwhile: the next picture is none of white
@@ -360,17 +378,30 @@ class Station:
         cross: CrossSearch | None,
         caller: Clocked,
         *,
+        is_last: bool = False,
         measured: bool = False,
     ) -> LookResult:
         """Take one white frame and find the tip in it, and the control point if it is asked for; nothing moves.
 
-        measured: as in `look`.
+        is_last, measured: as in `look`.
         """
-        white = await self.capture(Light.WHITE, caller)
+        white = await (self._last_white(caller) if is_last else self.capture(Light.WHITE, caller))
         tip = await self._tips.find(white, model, measured=measured)
         found = await asyncio.to_thread(_search_cross, white, tip, cross) if tip and cross is not None else None
         self._searched(tip)
         return LookResult(white, None, position, tip, model.tip_px, cross=found)
+
+    async def _last_white(self, caller: Clocked) -> Frame:
+        """Take a frame under white, and go dark while it is on its way."""
+        exposed = await self._frames.expose(Light.WHITE, self._still_at_s, caller)
+        await self.lights_off(caller)
+        asked_s = time.monotonic()
+        try:
+            white = await self._frames.arrived(exposed, caller)
+        except FrameLost:
+            return await self.capture(Light.WHITE, caller)
+        caller.watch.book("exposure", white.received_s - asked_s)
+        return white
 
     async def capture(self, light: Light, caller: Clocked) -> Frame:
         """Take one frame that was exposed wholly after light and head had settled."""

@@ -212,8 +212,18 @@ class GantryAxis(Protocol):
         `since_s`: whether the drive runs is told by a look taken since then (monotonic); infinity: it is asked.
         """
 
+    def aims_at_once(self, target_units: float, since_s: float) -> bool:
+        """Tell whether a look taken since then (monotonic) allows to aim by writing alone: nothing is to be asked."""
+
     async def go(self, deadline: Deadline) -> None:
         """Begin the move that was aimed at; returns when the drive was told."""
+
+    @property
+    def holds_start(self) -> bool:
+        """Whether a drive that has taken its target is still to be told that it may take another; see `let_go`."""
+
+    async def let_go(self, deadline: Deadline) -> None:
+        """Tell it so. Nothing moves by that; it may be left until the next aim, which does it too."""
 
     async def arrived(self, deadline: Deadline, stop_others: StopOthers | None = None) -> bool:
         """Look at the move begun before; raise what made it fail.

@@ -3,11 +3,10 @@
 import asyncio
 import math
 import time
-from collections.abc import AsyncIterator, Callable, Coroutine, Iterable, Mapping
+from collections.abc import AsyncIterator, Iterable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import structlog
 
@@ -33,18 +32,13 @@ from drivers.gantry.contract import (
     StopOthers,
     axis_theta_deg,
 )
+from drivers.gantry.course import Course
 from drivers.gantry.path import Ends, Leg, plan
 from drivers.shielded import finish
 
 AXES = ("x", "y", "z", "theta")
-# While a leg is under way, one of the axes is looked at after so many of its pauses: each in turn, the one that was
-# longest not looked at: a round of all four takes 80 ms. What is due by its trapezoid is looked at then; a look on its
-# way delays that by half a millisecond a leg
-WATCH_EVERY_POLLS = 2
 # What was looked at so short a time ago is not asked again before a move: one after the other, four looks are as old
 FRESH_S = 0.1
-# No leg begins with a drive that was not looked at for so long
-STALE_S = 0.25
 # While an axis homes, one of the others is asked after so many of its pauses: the line is left to the one that moves
 LOOK_EVERY_POLLS = 2
 _NAME = "gantry"
@@ -75,6 +69,7 @@ class Gantry:
         self._moving = False
         self._stopping = asyncio.Lock()
         self._off: dict[str, float] = {}
+        self._at_rest_s = -math.inf
         self._log = structlog.get_logger().bind(device=_NAME)
 
     # ------------------------------------------------------------------ looks
@@ -124,6 +119,11 @@ class Gantry:
         return off
 
     @property
+    def at_rest_s(self) -> float:
+        """When the last move that ended well was seen to be over, monotonic: what is asked after that takes a while."""
+        return self._at_rest_s
+
+    @property
     def moving(self) -> bool:
         """Tell whether a move or a homing run of this object is under way."""
         return self._moving
@@ -167,11 +167,11 @@ class Gantry:
             if missing:
                 raise NotHomed(f"no reference on {', '.join(missing)}", device=_NAME)
             now = await self.position(deadline, last_s)
-            for leg in plan(now, place, self.config, self._ends, from_above, slow_z_um, clear):
-                last_s = time.monotonic()
-                await self._run(leg, deadline)
-            reached = await self.position(deadline, last_s)
+            legs = plan(now, place, self.config, self._ends, from_above, slow_z_um, clear)
+            course = await self._run(legs, deadline)
+            reached = await self.position(deadline, course.leg_begun_s)
             self._check_arrival(place, reached)
+            self._at_rest_s = course.at_rest_s
             return reached
 
     async def home(self, deadline: Deadline) -> None:
@@ -180,7 +180,7 @@ class Gantry:
             z, safe_um = self._axes["z"], self.config.safe_z_um
             await self._home(("z",), deadline)
             if await z.position(deadline) < safe_um:
-                await self._run(Leg({"z": safe_um}), deadline)
+                await self._run([Leg({"z": safe_um})], deadline)
             await self._home(("theta",), deadline)
             await self._home(("x", "y"), deadline)
 
@@ -207,22 +207,10 @@ class Gantry:
                 await asyncio.sleep(LOOK_EVERY_POLLS * axis.config.poll_s)
                 await axis.check_standing(deadline, stop_others)
 
-    async def _run(self, leg: Leg, deadline: Deadline) -> None:
-        """Start the axes of one leg together and look until all are there; one that stands and fails ends it too."""
-        await self._look_at_stale(leg, deadline)
-        for name, at in leg.to.items():
-            await self._axes[name].aim(at, deadline, leg.speed_units_s, time.monotonic() - STALE_S)
-        for name in leg.to:
-            await self._axes[name].go(deadline)
-        watch = _Watch(self._axes, set(leg.to), self._halt)
-        while watch.under_way:
-            await watch.turn(deadline)
-
-    async def _look_at_stale(self, leg: Leg, deadline: Deadline) -> None:
-        """Look at the axes that stand during a leg and were not looked at for long: none is left behind unseen."""
-        for name, axis in self._axes.items():
-            if name not in leg.to and axis.looked_at_s < time.monotonic() - STALE_S:
-                await axis.check_standing(deadline)
+    async def _run(self, legs: Sequence[Leg], deadline: Deadline) -> Course:
+        course = Course(self._axes, self._halt)
+        await course.run(legs, deadline)
+        return course
 
     def _check_arrival(self, target: Position, reached: Position) -> None:
         """Compare all four axes after the move, also those that came to rest legs ago."""
@@ -310,44 +298,6 @@ class Gantry:
 
     async def _not_homed(self, deadline: Deadline, since_s: float = math.inf) -> list[str]:
         return [name for name, axis in self._axes.items() if not await axis.homed(deadline, since_s)]
-
-
-class _Watch:
-    """Looks at the axes of a leg when they are due, and at all in turn meanwhile."""
-
-    def __init__(
-        self,
-        axes: Mapping[str, GantryAxis],
-        under_way: set[str],
-        halt: Callable[[Iterable[str]], Coroutine[Any, Any, None]],
-    ) -> None:
-        self.under_way = under_way
-        self._axes, self._halt = axes, halt
-        self._due_s = {name: axes[name].due_s for name in under_way}
-        self._next_s = time.monotonic() + self._pause_s
-
-    @property
-    def _pause_s(self) -> float:
-        return WATCH_EVERY_POLLS * min(axis.config.poll_s for axis in self._axes.values())
-
-    async def turn(self, deadline: Deadline) -> None:
-        """Wait for the next look, and take it."""
-        first = min(self.under_way, key=self._due_s.__getitem__)
-        await asyncio.sleep(max(0.0, min(self._due_s[first], self._next_s) - time.monotonic()))
-        if self._due_s[first] > time.monotonic():
-            first = min(self._axes, key=lambda name: self._axes[name].looked_at_s)
-            self._next_s = time.monotonic() + self._pause_s
-        others = partial(self._stop, self.under_way - {first})
-        if first not in self.under_way:
-            await self._axes[first].check_standing(deadline, others)
-        elif await self._axes[first].arrived(deadline, others):
-            self.under_way.discard(first)
-        else:
-            self._due_s[first] = max(self._due_s[first], time.monotonic() + self._axes[first].config.poll_s)
-
-    async def _stop(self, moving: Iterable[str]) -> None:
-        """Halt the axes under way at once; the move's end stops the rest, and these again."""
-        await finish(self._halt(moving))
 
 
 class _HomingRuns:

@@ -1,4 +1,4 @@
-"""When a positioning move is over, and when it never will be. Pure: time is an argument."""
+"""When a set-point is taken, when its move is over, and when it never will be. Pure: time is an argument."""
 
 import math
 
@@ -12,6 +12,26 @@ def travel_s(distance: float, speed: float, acceleration: float) -> float:
     if distance * acceleration < speed * speed:
         return 2.0 * math.sqrt(distance / acceleration)
     return distance / speed + speed / acceleration
+
+
+def seen_to_go(config: AxisConfig, here: AxisStatus, target_units: float) -> bool:
+    """Tell whether an axis that goes from here to a target is seen to have gone: it is farther than both windows."""
+    return abs(target_units - here.position_units) > 2 * config.window_units
+
+
+class TakenWatch:
+    """Judges whether a drive has taken a set-point: by bit 12, which may still be that of the one before."""
+
+    def __init__(self, config: AxisConfig, before: AxisStatus, *, old_stands: bool) -> None:
+        """Take the look before it, and whether bit 12 of the one before was not seen to be gone since."""
+        self._window_units, self._before, self._old_stands = config.window_units, before, old_stands
+
+    def taken(self, status: AxisStatus) -> bool:
+        """Tell it by a look: an old bit 12 says nothing until the old bit 10 fell, or the axis has left its place."""
+        if not status.acknowledged or not self._old_stands:
+            return status.acknowledged
+        gone_units = abs(status.position_units - self._before.position_units)
+        return gone_units > self._window_units or (self._before.target_reached and not status.target_reached)
 
 
 class ArrivalWatch:

@@ -24,7 +24,7 @@ from drivers.errors import (
 from drivers.l4118 import homing
 from drivers.l4118 import objects as od
 from drivers.l4118.access import DriveAccess
-from drivers.l4118.arrival import ArrivalWatch, travel_s
+from drivers.l4118.arrival import ArrivalWatch, TakenWatch, seen_to_go, travel_s
 from drivers.l4118.contract import AxisConfig, AxisFindings, AxisHealth, AxisIdentity, AxisStatus
 from drivers.l4118.diagnosis import not_started, stopped_by_program
 from drivers.l4118.last_look import LastLook
@@ -57,6 +57,7 @@ class Axis:
         self._last = LastLook()
         self._under_way = False
         self._taken = True
+        self._taking: TakenWatch | None = None
         self._taken_by = Deadline.after(0.0)
         self._begun_at_units = self._target_units = 0.0
         self._speed_units_s = config.speed_units_s
@@ -203,8 +204,10 @@ class Axis:
         async with self._halting(f"move to {target_units:.3f}"):
             await self.aim(target_units, deadline, since_s=since_s)
             await self.go(deadline)
-            while not await self.arrived(deadline):  # noqa: ASYNC110 - each turn asks the drive
+            while not await self.arrived(deadline):
+                await self.let_go(deadline)
                 await asyncio.sleep(self.config.poll_s)
+            await self.let_go(deadline)
         return self._last.since(since_s) or await self.status(deadline)
 
     async def begin_move(self, target_units: float, deadline: Deadline, speed_units_s: float | None = None) -> None:
@@ -229,19 +232,33 @@ class Axis:
         if self._speed is None:
             raise not_started(self.config.name)
         seen = self._last.since(since_s)
-        if seen is not None and (seen.acknowledged or seen.state is not PowerState.OPERATION_ENABLED):
+        if seen is not None and not self._goes_by(seen, target_units):
             seen = None  # what it showed is over, or is to be seen to be over; only a drive that runs may go unasked
         before = await self._power.enable(Mode.PROFILE_POSITION, deadline, seen or await self.status(deadline))
-        if before.acknowledged or self._power.start_bit:
-            # Bit 12 of the former set-point must be gone, else it would be taken for ours
+        old_stands = before.acknowledged or self._power.start_bit
+        if self._power.start_bit or (before.acknowledged and seen is None):
             await self._power.command(Control.ENABLE, deadline)
+        if old_stands and not seen_to_go(self.config, before, target_units):
+            # Bit 12 of the former set-point must be gone, else it would be taken for ours
             before = await self.status(deadline)
             await self._power.until(lambda s: not s.acknowledged, before, "old set-point acknowledge stays", deadline)
+            old_stands = False
+        self._taking = TakenWatch(self.config, before, old_stands=old_stands)
         self._last.forget(time.monotonic())
         self._watch = None
         self._begun_at_units, self._target_units = before.position_units, target_units
         self._speed_units_s = min(speed_units_s or math.inf, self.config.speed_units_s)
         await self._drive.aim(self.config.to_increments(target_units), self._velocity_counts(speed_units_s), deadline)
+
+    def aims_at_once(self, target_units: float, since_s: float) -> bool:
+        """Tell whether by a look taken since then (monotonic) `aim` is writing alone: nothing is to be asked."""
+        seen = self._last.since(since_s)
+        return seen is not None and seen.mode == Mode.PROFILE_POSITION and self._goes_by(seen, target_units)
+
+    def _goes_by(self, seen: AxisStatus, target_units: float) -> bool:
+        """Tell whether a look that is there already will do to aim by."""
+        over = not (seen.acknowledged or self._power.start_bit)
+        return seen.state is PowerState.OPERATION_ENABLED and (over or seen_to_go(self.config, seen, target_units))
 
     async def go(self, deadline: Deadline) -> None:
         """Start the move that was aimed at; `arrived` sees that the drive has taken it."""
@@ -257,7 +274,7 @@ class Axis:
 
         `stop_others`: done as soon as the drive is seen not to run, before it is asked why.
         Nothing is believed before the drive has acknowledged the set-point (bit 12), which clears the bits of the one
-        before; then bit 4 falls, so that it can rise for the next.
+        before; then bit 4 may fall (`let_go`), so that it can rise for the next.
         """
         watch = self._watch
         if watch is None:
@@ -268,22 +285,31 @@ class Axis:
         if self._power.stopped:
             raise stopped_by_program(self.config.name)
         if not self._taken:
-            if not await self._take(status, deadline):
+            if not self._take(status):
                 return False
             watch.taken(time.monotonic())
         there = watch.arrived(status, time.monotonic())
         self._under_way = not there
         return there
 
-    async def _take(self, status: AxisStatus, deadline: Deadline) -> bool:
-        """Let bit 4 fall once the set-point was acknowledged; raise MotionTimeout when it was not in time."""
-        if status.acknowledged:
-            await self._power.command(Control.ENABLE, deadline)
+    def _take(self, status: AxisStatus) -> bool:
+        """Tell whether the set-point was acknowledged; raise MotionTimeout when it was not in time."""
+        if self._taking is not None and self._taking.taken(status):
             self._taken = True
         elif self._taken_by.expired:
             technical = f"set-point was not acknowledged, status {status.statusword:04X}h"
             raise MotionTimeout("the drive did not take its target", device=self.config.name, technical=technical)
         return self._taken
+
+    @property
+    def holds_start(self) -> bool:
+        """Whether bit 4 still stands of a set-point that the drive has taken: it has to fall before it can rise."""
+        return self._watch is not None and self._taken and self._power.start_bit
+
+    async def let_go(self, deadline: Deadline) -> None:
+        """Let bit 4 fall, where it stands of a set-point that the drive has taken."""
+        if self.holds_start:
+            await self._power.command(Control.ENABLE, deadline)
 
     async def check_standing(self, deadline: Deadline, stop_others: StopOthers | None = None) -> None:
         """Look at an axis that stands while others move; raise DriveFault or EmergencyStop when it lost its power.
@@ -309,6 +335,7 @@ class Axis:
         limit = deadline.within(self.config.homing.timeout_s)
         async with self._halting("homing", stop_others):
             await self.start(limit)
+            self._watch = None
             await homing.must_heed_switch(self._drive, limit)
             # From here on the old reference is not to be trusted, whatever comes
             await self.forget_homing(limit)

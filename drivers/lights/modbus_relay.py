@@ -60,15 +60,16 @@ class ModbusRelayLights:
         """Switch by levels and read back; return when the board had it; raise LightError when it shows something else.
 
         A lamp that was switched on before and confirmed is only read back, and not even that where it was confirmed a
-        moment ago. Going dark is always written again: a contact that stuck may have come free since.
+        moment ago. Going dark is written again, unless it was confirmed just now: a contact that stuck may have come
+        free since.
         """
         wanted = (light is Light.WHITE, light is Light.RED)
         coils = wanted if self._white_first else wanted[::-1]
         async with self._switching:
             try:
-                shines = light is not Light.OFF and self._told == (light, coils)
+                told = self._told == (light, coils)
                 fresh = time.monotonic() - self._confirmed_s < FRESH_S
-                if shines and (fresh or await self._coils(deadline) == coils):
+                if told and (fresh or (light is not Light.OFF and await self._coils(deadline) == coils)):
                     return self._switched_s
                 # Until the board has confirmed it, nothing is known of it.
                 self._told = None

@@ -132,6 +132,7 @@ class FakeGantry:
     def __init__(self, hardware: FakeHardware) -> None:
         self._hardware = hardware
         self.moving = False
+        self.at_rest_s = 0.0
         self.unstopped: tuple[str, ...] = ()
         self.forget_homing = hardware.forget_homing
         self.quick_stop = hardware.quick_stop

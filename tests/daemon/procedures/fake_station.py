@@ -181,6 +181,11 @@ class FakeGantry:
     metal_z_um: float | None = None
     """Input 4 is high from this height down: what a touch sense feels."""
 
+    @property
+    def at_rest_s(self) -> float:
+        """It is there as soon as it was told to go."""
+        return time.monotonic()
+
     async def raw_input(self, axis: str, number: int, deadline: Deadline) -> bool:
         assert axis == "z"
         self.asked.append(deadline)
@@ -320,6 +325,7 @@ class ScriptedStation(Station):
         self.world = world
         self.searches: list[Search | BoardSearch | CrossSearch | None] = []
         self.moves_next: list[bool] = []
+        self.is_last: list[bool] = []
         self.measured: list[bool] = []
         """Of each look, whether a tip that is carried from another picture would not do."""
         self.script: dict[int, Edit] = {}
@@ -333,10 +339,11 @@ class ScriptedStation(Station):
 
     async def look(
         self, position: Position, model: ProbeModel | None, search: Search | BoardSearch, caller: Clocked,
-        *, moves_next: bool = False, measured: bool = False,
+        *, moves_next: bool = False, is_last: bool = False, measured: bool = False,
     ) -> LookResult:  # fmt: skip
         self.measured.append(measured)
         self.moves_next.append(moves_next)
+        self.is_last.append(is_last)
         assert not caller.deadline.expired
         self.searches.append(search)
         number = len(self.searches)
@@ -351,9 +358,10 @@ class ScriptedStation(Station):
 
     async def look_white(
         self, position: Position, model: ProbeModel, cross: CrossSearch | None, caller: Clocked,
-        *, measured: bool = False,
+        *, is_last: bool = False, measured: bool = False,
     ) -> LookResult:  # fmt: skip
         self.measured.append(measured)
+        self.is_last.append(is_last)
         assert not caller.deadline.expired
         self.searches.append(cross)
         tip = self.world.see_tip()

@@ -276,10 +276,10 @@ async def test_no_move_is_longer_than_the_largest_placement_error(tmp_path: Path
     assert world.gantry.moves == []
 
 
-async def test_white_is_lit_once_the_drives_have_answered_and_only_of_the_first_look_a_move_is_expected(
+async def test_white_is_lit_behind_the_drives_first_question_and_only_of_the_first_look_a_move_is_expected(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A line that is dead is told as one, and not as a lamp; it settles while the place is asked."""
+    """A line that is dead is told as one, and not as a lamp; it settles while the drives are asked. Then it is dark."""
     lit: list[list[Light]] = []
 
     def watched(name: str) -> None:
@@ -298,6 +298,7 @@ async def test_white_is_lit_once_the_drives_have_answered_and_only_of_the_first_
     assert lit[:2] == [[], [Light.WHITE]]
     assert ran.job.moves == 1
     assert world.station.moves_next == [True, False]
+    assert world.station.is_last == [False, True]
 
 
 async def test_every_move_is_checked_lit_in_white_and_at_working_height(world: World) -> None:

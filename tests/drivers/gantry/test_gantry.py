@@ -117,7 +117,7 @@ async def test_standing_axes_are_asked_once_a_round_and_those_under_way_too(home
     await homed.gantry.move_to(dataclasses.replace(PLACE, z_um=12_000.0), soon)
     for name, drive in homed.drives.items():
         drive.look = counting(name, drive)  # type: ignore[method-assign]
-    homed.slow(1_000_000)
+    homed.slow(500_000)
     await homed.gantry.move_to(dataclasses.replace(PLACE, z_um=9_000.0), soon)
     assert asked["z"] > 5, "it travelled for some rounds"
     assert all(0 < asked[name] <= asked["z"] for name in ("x", "y", "theta")), asked

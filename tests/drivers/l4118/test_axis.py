@@ -446,6 +446,7 @@ async def test_a_move_at_another_speed_takes_one_frame_more(make_axis: MakeAxis,
         await axis.begin_move(target, soon, at_most)
         while not await axis.arrived(soon):
             pass
+        await axis.let_go(soon)
         taken.append(list(written))
     usual = [0x607A, 0x6040, 0x6040]
     assert taken[1:] == [usual, [0x607A, 0x6081, 0x6040, 0x6040], usual]

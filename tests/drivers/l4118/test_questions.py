@@ -115,16 +115,58 @@ async def test_an_aim_moves_nothing_and_takes_a_look_that_is_there(ran: Ran, soo
     assert drive.position == 700 * 1638.4
 
 
-async def test_an_old_acknowledge_is_seen_to_be_gone_before_the_next_set_point(ran: Ran, soon: Deadline) -> None:
-    """It should look again where the last look showed bit 12 of the move before."""
+@pytest.mark.parametrize(("target", "questions"), [(501.5, [IMAGE, OBJECT]), (700.0, [OBJECT])])
+async def test_an_old_acknowledge_is_seen_to_be_gone_only_where_the_way_would_not_show_it(
+    ran: Ran, soon: Deadline, target: float, questions: list[int]
+) -> None:
+    """It should look again before a way that is hardly longer than the window; of any other the going tells."""
     axis, drive, line = ran
     since_s = time.monotonic()
     drive.acknowledge = True
     assert (await axis.status(soon)).acknowledged
     drive.acknowledge = False
+    assert axis.aims_at_once(target, since_s) == (questions == [OBJECT])
     asked(line)
+    await axis.aim(target, soon, since_s=since_s)
+    assert asked(line) == questions
+
+
+async def test_an_old_acknowledge_is_not_taken_for_that_of_a_target_that_the_drive_did_not_take(
+    ran: Ran, soon: Deadline
+) -> None:
+    """It should go on asking while the axis stands where it was, and give up in time."""
+    axis, drive, _ = ran
+    since_s = time.monotonic()
+    drive.acknowledge = drive.no_acknowledge = True
+    await axis.status(soon)
     await axis.aim(700.0, soon, since_s=since_s)
-    assert asked(line) == [IMAGE, OBJECT]
+    await axis.go(soon)
+
+    async def wait() -> None:
+        while not await axis.arrived(soon):
+            assert not axis.holds_start
+
+    with pytest.raises(MotionTimeout, match="not acknowledged"):
+        await wait()
+    assert drive.position == 500 * 1638.4
+
+
+async def test_a_taken_target_leaves_bit_4_to_fall_when_the_line_is_free(ran: Ran, soon: Deadline) -> None:
+    """It should tell that it stands, let it fall once, and let it fall by itself before the next target rises."""
+    axis, drive, line = ran
+    for target, lets_go in ((700.0, True), (900.0, False), (1100.0, True)):
+        await axis.begin_move(target, soon)
+        while not await axis.arrived(soon):
+            pass
+        assert axis.holds_start
+        assert drive.control == 0x3F
+        if lets_go:
+            await axis.let_go(soon)
+            assert (axis.holds_start, drive.control) == (False, 0x0F)
+            asked(line)
+            await axis.let_go(soon)
+            assert asked(line) == []
+    assert drive.log[-3:] == [f"move {target * 1638.4:.0f}" for target in (700, 900, 1100)]
 
 
 async def test_a_drive_that_dips_after_its_last_look_takes_no_set_point(ran: Ran, soon: Deadline) -> None:

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from drivers.errors import LimitHit, Stalled
 from drivers.l4118 import AxisConfig, AxisStatus, PowerState
-from drivers.l4118.arrival import ArrivalWatch
+from drivers.l4118.arrival import ArrivalWatch, TakenWatch, seen_to_go
 from drivers.l4118.image import TX_WANTED, WordOrder, order_shown, parse, tx_serves
 from drivers.l4118.objects import decode_state, error_meaning, error_numbers
 from drivers.l4118.units import decode_speed_unit
@@ -104,6 +104,32 @@ CONFIG = AxisConfig("X", 1, 655.36, 0.0, 1000.0, 100.0, 100.0, 1.0, stall_s=1.0)
 
 def look(position: float, word: int = 0x0237, inputs: int = 0) -> AxisStatus:
     return AxisStatus(word, 1, position, inputs)
+
+
+@pytest.mark.parametrize(
+    ("old_stands", "before", "now", "taken"),
+    [
+        (False, look(5.0, 0x0637), look(5.0, 0x1637), True),
+        (False, look(5.0, 0x0637), look(9.0, 0x0237), False),
+        (True, look(5.0, 0x1637), look(5.0, 0x1637), False),
+        (True, look(5.0, 0x1637), look(5.0, 0x1237), True),
+        (True, look(5.0, 0x1237), look(5.0, 0x1237), False),
+        (True, look(5.0, 0x1637), look(6.0, 0x1637), False),
+        (True, look(5.0, 0x1637), look(6.1, 0x1637), True),
+        (True, look(5.0, 0x1637), look(3.9, 0x1637), True),
+        (True, look(5.0, 0x1637), look(9.0, 0x0637), False),
+    ],
+)
+def test_a_set_point_is_taken_by_a_bit_12_of_its_own(
+    old_stands: bool, before: AxisStatus, now: AxisStatus, taken: bool
+) -> None:
+    """It should believe one that may be old by the bit 10 that fell since, or by a place left farther than a window."""
+    assert TakenWatch(CONFIG, before, old_stands=old_stands).taken(now) == taken
+
+
+@pytest.mark.parametrize(("target", "goes"), [(7.0, False), (7.1, True), (3.0, False), (2.9, True)])
+def test_a_way_shows_that_it_is_gone_where_it_is_longer_than_both_windows(target: float, goes: bool) -> None:
+    assert seen_to_go(CONFIG, look(5.0), target) == goes
 
 
 def test_arrival_needs_the_bit_and_the_place() -> None:

@@ -158,7 +158,7 @@ class DriveModel:
             self.target_reached, self.goal = True, self.position
         elif self.homing_left and self.mode == 6:
             self._home_on()
-        elif self.mode == 1 and not self.stuck and not self.acknowledge:
+        elif self.mode == 1 and not self.stuck:
             gap = self.goal - self.position
             move = max(-self.step, min(self.step, gap))
             if self.jam_at is None or (self.position - self.jam_at) * (self.position + move - self.jam_at) > 0:
