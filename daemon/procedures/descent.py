@@ -45,10 +45,12 @@ async def go_straight(job: JobContext, context: StationContext, target: Position
     return reached
 
 
-async def hover_free(job: JobContext, context: StationContext, here: Position, ground: Ground) -> Position:
+async def hover_free(
+    job: JobContext, context: StationContext, here: Position, ground: Ground, *, is_last: bool = False
+) -> Position:
     """Look at the free tip at the height of looks, and see that no board pushes it in; return where the head stands.
 
-    A touch sense is to be asked next.
+    A touch sense is to be asked next. is_last: no look follows the press; where one does the lamp stays on.
     """
     station = context.station
     above_um = context.geometry.look_z_um(context.geometry.tip_um(here))
@@ -57,7 +59,7 @@ async def hover_free(job: JobContext, context: StationContext, here: Position, g
         above = await go_straight(job, context, replace(here, z_um=above_um), ground)
     model = context.calibrations.require_probe()
     for _ in range(LOOKS_FOR_TIP):
-        look = await station.look_white(above, model, None, job, is_last=True)
+        look = await station.look_white(above, model, None, job, is_last=is_last)
         job.saw(look)
         if isinstance(look.tip, Tip):
             break

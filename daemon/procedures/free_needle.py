@@ -69,6 +69,5 @@ async def raise_into_sight(
 
 
 async def _seen(job: JobContext, context: StationContext, here: Position) -> bool:
-    probe = context.calibrations.require_probe()
-    job.saw(await context.station.look_white(here, probe, None, job, is_last=True))
+    job.saw(await context.station.look_white(here, context.calibrations.require_probe(), None, job))
     return tip_seen_at(job, here)

@@ -39,7 +39,7 @@ async def touch(job: JobContext, context: StationContext, request: Touch) -> Out
     job.partial.test_point = request.test_point
     admitted = await _admit(job, context, request)
     job.fire(Event.ACCEPTED)
-    above = await hover_free(job, context, admitted.here, admitted.ground)
+    above = await hover_free(job, context, admitted.here, admitted.ground, is_last=True)
     # Only now: a board that came up closes the sense as well, and is to be lifted off, not left pressing.
     await refuse_closed_sense(job, context, seen_free=True)
     number = await job.touching.book.begin_touch(job.request.id, admitted.pad.board_id, request.test_point)

@@ -171,7 +171,7 @@ class Gantry:
             course = await self._run(legs, deadline)
             reached = await self.position(deadline, course.leg_begun_s)
             self._check_arrival(place, reached)
-            self._at_rest_s = course.at_rest_s
+            self._at_rest_s = max(self._at_rest_s, course.at_rest_s)  # a move without a leg ends where it was
             return reached
 
     async def home(self, deadline: Deadline) -> None:
