@@ -7,11 +7,12 @@ seen below the tip counts until something but Z moves.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 
 from daemon.domain.board import BoardPoint
 from daemon.domain.errors import Fault, FaultCode
-from daemon.domain.point_test import PointReading, PointTest, Rung
+from daemon.domain.point_test import PointReading, PointTest, PointVerdict, Rung
 from daemon.domain.states import Event
 from daemon.jobs.context import JobContext, StationContext
 from daemon.procedures.aiming import require_tip
@@ -66,7 +67,7 @@ class PointUnderTest:
         self.attempts: list[Attempt] = []
         self.readings: list[PointReading] = []
         self.spent: set[Rung] = set()
-        self.done = frozenset[str]()
+        self.done: Mapping[str, PointVerdict] = {}
         """Points that have their verdict in this run, and are touched no more."""
         self.touches = self.elsewhere = self.contradictions = 0
         """Descents onto its pad, and onto other points of its net; looks that said that the board lies otherwise."""

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 from daemon.domain.board import BoardPoint
 from daemon.domain.errors import Fault, FaultCode
@@ -35,6 +37,7 @@ from daemon.station.device_errors import as_fault
 from daemon.station.needle_health import NeedleHealth
 from drivers.errors import DeviceError
 
+NOTHING_DONE: Mapping[str, PointVerdict] = MappingProxyType({})
 SURE_LOOKS = 2
 """From different sides, that say that the board lies otherwise: it does."""
 
@@ -85,7 +88,7 @@ async def probe_point(  # noqa: PLR0913  # each is told by name
     health: NeedleHealth | None = None,
     hold: TesterHold | None = None,
     at_deg: float | None = None,
-    done: frozenset[str] = frozenset(),
+    done: Mapping[str, PointVerdict] = NOTHING_DONE,
 ) -> PointRecord:
     """Test one point to its verdict, write the record down, tell it, and return it; the needle is left up.
 
@@ -146,7 +149,7 @@ class _Trial:
         self.visit, self._at_deg = visit, at_deg
         self.pad = TouchedPad.below(context, test.point, board_id, job.touching.book)
         """Which pad of which board it is: who leaves out the board means the one that was aligned."""
-        self.done = frozenset[str]()
+        self.done: Mapping[str, PointVerdict] = {}
         self.at: PointUnderTest | None = None
         """None until the point is known to be one that can be tested."""
 

@@ -215,7 +215,7 @@ class _Walk:
             async with asyncio.timeout(within_s) as clock:
                 return await probe_point(
                     self.job, self.context, test, board_id, run=run_id, plan_hash=self.run.plan_hash,
-                    health=self.health, at_deg=at_deg, done=frozenset(record.point for record in self.records),
+                    health=self.health, at_deg=at_deg, done={record.point: record.verdict for record in self.records},
                 )  # fmt: skip
         except TimeoutError as exc:
             if not clock.expired():

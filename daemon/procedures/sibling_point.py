@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 from daemon.domain.board import BoardPoint
 from daemon.domain.errors import Fault
-from daemon.domain.point_test import PointTest, Rung
+from daemon.domain.point_test import PASSES, PointTest, Rung
 from daemon.platform.beside import beside
 from daemon.procedures.judging import ALONG_NET
 from daemon.procedures.meter_readings import AGAINST_GROUND, MeterReadings
@@ -41,7 +41,7 @@ async def see_that_path_reads(at: PointUnderTest) -> None:
         return
     gone = 0
     with at.job.looks_elsewhere():  # the pictures that are kept are of the point itself
-        for point in _siblings(at):
+        for point in siblings(at):
             spent = at.touches + at.elsewhere >= at.context.config.ladder.touches_per_visit
             if at.path_proved or spent or gone >= MOST_TRIED:
                 return
@@ -67,12 +67,19 @@ def _net(at: PointUnderTest) -> str | None:
     return at.point.net
 
 
-def _siblings(at: PointUnderTest) -> Sequence[BoardPoint]:
-    """Return the other points of that net: those of connectors first, then the farthest, for a break lies between."""
+def siblings(at: PointUnderTest) -> Sequence[BoardPoint]:
+    """Return the other points of that net, the likeliest to be on the harness' side of a break first.
+
+    Those are the nearest to a point of it that passed in this run; where none did, those of connectors, and then the
+    farthest from the accused one, for a break lies between.
+    """
     context, net = at.context, _net(at)
     board = context.board
     found = [p for p in (board.test_points() if context.by_cad else board.round_points()) if p.net == net]
     others = [p for p in found if p.name != at.test.point and p.name not in at.done]
+    passed = [p.place_um for p in found if at.done.get(p.name) in PASSES]
+    if passed:
+        return sorted(others, key=lambda p: min(math.dist(p.place_um, place_um) for place_um in passed))
     return sorted(others, key=lambda p: (not CONNECTOR.match(p.part or ""), -math.dist(p.place_um, at.point.place_um)))
 
 

@@ -18,11 +18,11 @@ from daemon.config.sections.touching import BrushSection, ReferenceSection
 from daemon.domain.board import Board
 from daemon.domain.contact import ContactFacts
 from daemon.domain.point_mark import PointMark
-from daemon.domain.point_test import PadWear, PointRecord, PointTest
+from daemon.domain.point_test import PadWear, PointRecord, PointTest, PointVerdict
 from daemon.domain.states import Event
 from daemon.jobs.context import KeptPoint, PointLooks, Touching
 from daemon.jobs.held_touch import HeldTouch
-from daemon.procedures.probe_point import probe_point
+from daemon.procedures.probe_point import NOTHING_DONE, probe_point
 from daemon.procedures.registry import PROCEDURES
 from daemon.station.board_view import BoardSearch
 from daemon.station.needle_health import NeedleHealth
@@ -344,7 +344,9 @@ class Line:
         assert self.book.points[-1] == (job_id, self.told[-1])
         return self.told[-1]
 
-    async def probe_in_run(self, point: str, health: NeedleHealth, done: frozenset[str] = frozenset()) -> PointRecord:
+    async def probe_in_run(
+        self, point: str, health: NeedleHealth, done: Mapping[str, PointVerdict] = NOTHING_DONE
+    ) -> PointRecord:
         """Probe a point as a part of a run that has gone on for a while."""
         ran = self.begin(point)
         ran.job.fire(Event.ACCEPTED)

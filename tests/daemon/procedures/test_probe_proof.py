@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.point_mark import PointMark
-from daemon.domain.point_test import PointVerdict
+from daemon.domain.point_test import PointTest, PointVerdict
 from daemon.platform.clock import utc_now
 from daemon.procedures.point_under_test import PointUnderTest
+from daemon.procedures.sibling_point import siblings
 from daemon.procedures.tare import what_was_read
 from daemon.station.needle_health import NeedleHealth
 from drivers.errors import MeterTimeout, MeterTrouble
@@ -220,7 +222,7 @@ async def test_values_that_contradict_each_other_fail_no_net(line: Line) -> None
 async def test_a_point_that_has_its_verdict_in_this_run_is_not_touched_for_the_proof_of_another(line: Line) -> None:
     """It may have been called not_tested before anything touched it."""
     line.open_nets.add("NA")
-    record = await line.probe_in_run("A", NeedleHealth(), done=frozenset({"A2"}))
+    record = await line.probe_in_run("A", NeedleHealth(), done={"A2": PointVerdict.PASS_FIRST})
     assert (record.verdict, record.elsewhere) == (PointVerdict.CONTACT_NOT_MADE, 0)
     assert line.descents_onto("A2") == 0
 
@@ -251,3 +253,17 @@ async def test_a_meter_that_fails_while_the_needle_stands_on_the_other_point_end
     with pytest.raises(MeterTimeout):
         await line.probe("A")
     assert line.told == []
+
+
+@pytest.mark.parametrize(("passed", "first"), [(PointVerdict.PASS_FIRST, "B2"), (PointVerdict.OPEN_CONFIRMED, "C")])
+async def test_another_point_is_touched_near_to_one_that_passed(
+    line: Line, passed: PointVerdict, first: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A break lies between what is open and what passed; far from the accused one may be beyond it as well."""
+    board = line.world.context.board
+    wired = [p.model_copy(update={"net": "NA"}) if p.name in ("B", "B2", "C") else p for p in board.points]
+    monkeypatch.setattr(line.world.context, "board", board.model_copy(update={"points": tuple(wired)}))
+    at: Any = SimpleNamespace(
+        context=line.world.context, test=PointTest(point="A"), point=board.point("A"), done={"A2": passed}
+    )
+    assert siblings(at)[0].name == first

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -61,7 +61,7 @@ class Prober:
         run: str,
         at_deg: float | None,
         plan_hash: str,
-        done: frozenset[str],
+        done: Mapping[str, PointVerdict],
         **_known: Any,
     ) -> PointRecord:
         assert test.point not in done
