@@ -30,7 +30,7 @@ class Course:
 
     def __init__(self, axes: Mapping[str, GantryAxis], halt: Halt) -> None:
         self.leg_begun_s = math.inf
-        """When the last leg was begun to be told, monotonic."""
+        """When the last leg was begun, monotonic: an axis that was looked at since was so beside it."""
         self.at_rest_s = -math.inf
         """When the axis that came to rest last was seen to stand, monotonic."""
         self._axes, self._halt = axes, halt

@@ -32,6 +32,10 @@ and high word come first. The drive has no homing bit outside of homing mode: th
 one. It was read as the drive was switched on, and a restart ends "operation enabled", so the first look tells state,
 place and reference. 1 mm is 655 360 increments; the speed (6081h) is written only when it changes.
 
+Among four drives the same bytes pass, with those of the others between them: the next target of an axis that stands is
+written while another travels, and bit 4 falls (000Fh) as soon as the line has nothing more urgent, at the latest before
+the next target of that axis.
+
 """
 OBJECTS = {
     0x6040: "controlword", 0x6041: "statusword", 0x6060: "mode", 0x6061: "mode shown", 0x6064: "position",

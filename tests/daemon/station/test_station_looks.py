@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from daemon.domain.errors import Fault
 from daemon.platform.clock import Stopwatch
 from daemon.station import station as module
 from daemon.station import tip_search
@@ -69,6 +70,17 @@ async def test_a_frame_is_exposed_after_the_head_has_come_to_rest(what: str) -> 
     await bench.station.capture(Light.WHITE, bench.caller)
     ((ready_s, _),) = bench.camera.asked
     assert before_s + 9.0 <= ready_s <= moved_s + 9.0
+
+
+async def test_the_head_settles_from_when_it_was_seen_to_stand_not_from_when_all_questions_were_over(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    bench = Bench(settle_ms=9_000.0)
+    stood_s = time.monotonic() - 0.5
+    monkeypatch.setattr(type(bench.gantry), "at_rest_s", property(lambda _gantry: stood_s))
+    await bench.station.go(HERE, bench.caller)
+    await bench.station.capture(Light.WHITE, bench.caller)
+    assert bench.camera.asked[0][0] == pytest.approx(stood_s + 9.0)
 
 
 async def test_waiting_for_the_exposure_is_booked_apart_from_the_light(bench: Bench) -> None:
@@ -236,6 +248,54 @@ async def test_a_frame_that_is_lost_is_taken_anew_under_its_own_light_and_the_ot
     assert look.red is not None
     assert (look.white.sequence, look.red.sequence) == frames
     assert [what for what, _ in eyes.asked] == ["tip", "pads"]
+
+
+@pytest.mark.parametrize("lost", [set(), {2}])
+async def test_after_the_last_look_it_is_dark_as_soon_as_red_is_exposed(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, lost: set[int]
+) -> None:
+    """It should be lit again only where the picture is lost."""
+    Eyes(monkeypatch, found_tip(810.0, 600.0))
+    bench.camera.lost = lost
+    look = await bench.station.look(HERE, probe_model(), ANYWHERE, bench.caller, is_last=True)
+    assert bench.lights.log == [Light.WHITE, Light.RED, Light.OFF, *[Light.RED for _ in lost]]
+    assert look.red is not None
+
+
+@pytest.mark.parametrize("lost", [set(), {1}])
+async def test_after_the_last_look_at_the_tip_it_is_dark_while_the_picture_is_on_its_way(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, lost: set[int]
+) -> None:
+    Eyes(monkeypatch, found_tip(810.0, 600.0))
+    bench.camera.lost = lost
+    look = await bench.station.look_white(HERE, probe_model(), None, bench.caller, is_last=True)
+    assert bench.lights.log == [Light.WHITE, Light.OFF, *[Light.WHITE for _ in lost]]
+    assert look.tip
+    assert look.white.sequence == 1 + len(lost)
+
+
+async def test_white_is_lit_while_the_drives_are_asked_and_a_lost_reference_is_told_first(bench: Bench) -> None:
+    """It should ask the first drive before the lamp, and leave no question about a lamp behind."""
+    lit: list[list[Light]] = []
+    asked = asyncio.Event()
+
+    async def homed(_deadline: Deadline) -> bool:
+        lit.append(list(bench.lights.log))
+        await asked.wait()
+        lit.append(list(bench.lights.log))
+        return bench.gantry.is_homed
+
+    bench.gantry.homed = homed  # type: ignore[method-assign]
+    asyncio.get_running_loop().call_later(0.05, asked.set)
+    await bench.station.require_homed(bench.caller, looks_next=True)
+    assert lit == [[], [Light.WHITE]]
+    await bench.station.require_homed(bench.caller)
+    assert bench.lights.log == [Light.WHITE]
+    bench.gantry.is_homed = False
+    with pytest.raises(Fault, match="homed"):
+        await bench.station.require_homed(bench.caller, looks_next=True)
+    await asyncio.sleep(0)
+    assert len(asyncio.all_tasks()) == 1
 
 
 async def test_before_a_move_white_is_lit_and_the_drives_are_asked_while_the_search_goes_on(

@@ -271,11 +271,11 @@ async def test_a_light_tells_when_it_was_switched_and_the_same_while_it_shines(
     assert await lights.set(Light.WHITE, soon) > read_at[-2]
 
 
-async def test_a_light_that_was_confirmed_a_moment_ago_is_not_asked_again_and_darkness_always_told(
+async def test_what_was_confirmed_a_moment_ago_is_not_asked_again_and_darkness_that_is_older_is_told_again(
     board: tuple[Relay, ModbusBus], soon: Deadline, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(modbus_relay, "FRESH_S", 3_600.0)
-    _, bus = board
+    relay, bus = board
     lights = await ModbusRelayLights.open(bus, 5, deadline=soon)
     await lights.set(Light.WHITE, soon)
     asked = bus.statistics.requests
@@ -283,7 +283,11 @@ async def test_a_light_that_was_confirmed_a_moment_ago_is_not_asked_again_and_da
     assert bus.statistics.requests == asked
     for light in (Light.RED, Light.OFF, Light.OFF):
         await lights.set(light, soon)
+    assert bus.statistics.requests == asked + 2 * 2
+    monkeypatch.setattr(modbus_relay, "FRESH_S", 0.0)
+    await lights.set(Light.OFF, soon)
     assert bus.statistics.requests == asked + 3 * 2
+    assert relay.history[-2:] == [0, 0], "it was written, not only read back"
 
 
 @pytest.mark.parametrize("trouble", ["switched by others", "silent"])
