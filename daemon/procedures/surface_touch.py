@@ -88,6 +88,7 @@ class SurfaceSearch:
             await self._tell_stalled(first)
             await tip_px(sequence, here)  # what was taken for free was not, if it stands higher than it was taught
             await require_free(sequence.job, sequence.context, self._map, sequence.go)
+            await sequence.go(replace(above, z_um=self._config.gantry.safe_z_um))  # a push of some um no look tells
             raise
         await sequence.go(above)
         await station.see_lifted(sequence.job)

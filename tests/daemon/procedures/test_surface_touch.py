@@ -158,7 +158,7 @@ async def test_where_no_surface_lies_within_the_range_the_place_is_told(world: W
         await _press(world)
     assert caught.value.kind is FaultCode.CALIBRATION_FAILED
     assert min(_depths(world)) >= 4_300.0
-    assert _depths(world)[-1] == 5_600.0
+    assert _depths(world)[-1] == world.context.gantry.safe_z_um
 
 
 @pytest.mark.parametrize("height_um", [600.0, 650.0, 700.0])
@@ -203,7 +203,7 @@ async def test_nothing_is_left_standing_on_a_board_if_the_tip_is_lost(world: Wor
     with pytest.raises(Fault) as caught:
         await _press(world)
     assert caught.value.kind is FaultCode.TIP_NOT_FOUND
-    assert _depths(world)[-1] == 5_600.0
+    assert _depths(world)[-1] == world.context.gantry.safe_z_um
 
 
 async def test_after_a_failed_move_nothing_moves_by_itself(world: World) -> None:

@@ -151,13 +151,25 @@ def test_no_point_is_left_farther_out_than_the_surface_is_believed(seed: str) ->
     assert far_um <= EXTRAPOLATED_UM
 
 
+async def test_after_the_last_touch_the_needle_rests_where_no_lost_steps_bring_it_down(world: World) -> None:
+    """What is left of a push may be less than any look tells; the way up to the safe height is more than Z may lose."""
+    await _measure(world)
+    assert world.gantry.reported.z_um == world.context.gantry.safe_z_um
+
+
+async def test_after_a_touch_that_failed_it_rests_there_too(world: World) -> None:
+    world.pin_travel_um = 20.0  # it sticks
+    assert (await _fault(world)).kind is FaultCode.CALIBRATION_FAILED
+    assert world.gantry.reported.z_um == world.context.gantry.safe_z_um
+
+
 async def test_every_place_is_touched_in_the_middle_of_its_pad(world: World) -> None:
     ran = await _measure(world)
     touched = {(round(t.x_um), round(t.y_um)) for t in _record(world).touches}
     assert touched == {(round(60_000 + x), round(40_000 + y)) for _, x, y in GRID}
     # The first place is searched from 600 um above, the others from just above the last.
     assert ran.job.moves < 7 * 12
-    assert ran.job.looks == 2 * (ran.job.moves - 12), "two at each depth"
+    assert ran.job.looks == 2 * (ran.job.moves - 12 - 1), "two at each depth, none of a lift, nor of the last way up"
     assert ran.progress == [(n, 12, f"touching {name}") for n, (name, _, _) in enumerate(GRID)]
     assert ran.events[:3] == [Event.ACCEPTED, Event.SEEN, Event.ARRIVED]
 
