@@ -14,7 +14,7 @@ from vision.registration.answer import NotRegistered, Refusal
 from vision.registration.rectify import Picture, Pose
 from vision.registration.refine import Problem, refine
 from vision.registration.register import open_picture
-from vision.registration.sheet import make_sheet
+from vision.registration.sheet import Sheet, make_sheet
 from vision.registration.whole import Place, Whole, find_places
 
 EXPLAINS, NOT_SO = 0.6, 0.4
@@ -25,11 +25,12 @@ DISTINCT = 0.1
 IN_NEST_UM, EXPLAINS_FAR = 10_000.0, 0.75
 """A nest holds the board's middle within this, however the board lies in it. Of ways that explain the picture alike
 those are meant that the nest allows; any other has to explain more."""
-MOST_BESIDE = 0.5
-"""What has more of all that is bright beside the board explains nothing: agreement asks for what lies on it alone."""
+MOST_BESIDE, MUCH_BRIGHT = 0.5, 0.05
+"""What has more of all that is bright beside the board explains nothing, for agreement asks for what lies on it alone;
+where so much of the view is bright."""
 PEAKS = 2
 _SAME_UM = 100.0
-BRIGHT, LEAST_BRIGHT = 0.9, 0.003
+BRIGHT, LEAST_BRIGHT, LEAST_GREY = 0.9, 0.003, 6.0
 """Metal and ink are brighter than all else by this share; of less of the view a bench's own grain is all there is."""
 LEAST_STRUCTURE = 0.01
 """Of the cells in view: less that stands out is no board."""
@@ -73,7 +74,7 @@ def explain(
     own = refused.best.agreement if refused.best is not None else 0.0
     best = ranked[0] if ranked else None
     if best is None or best.agreement < EXPLAINS:
-        if _standing_out(picture, about_um, here, BRIGHT, 6.0) < LEAST_BRIGHT:
+        if _standing_out(picture, about_um, here, BRIGHT, LEAST_GREY) < LEAST_BRIGHT:
             return NotRegistered(
                 Refusal.NO_BOARD, "no board is seen: nothing as bright as metal or ink is in view", refused.best
             )
@@ -162,12 +163,22 @@ def _lie(picture: Picture, about_um: tuple[float, float], whole: Whole, place: P
     if fit is not None:
         start = fit.pose
         levels = wide.wide_levels(sheet, shown, fit.pose, fit.levels)
-        view = wide.draw_view(sheet, shown, fit.pose, levels)
-        if wide.bright_beside(sheet, shown, view) <= MOST_BESIDE:
-            agrees = wide.agreement(sheet, shown, view).all
+        if _bright_beside(sheet, shown, fit.pose) <= MOST_BESIDE:
+            agrees = wide.agreement(sheet, shown, wide.draw_view(sheet, shown, fit.pose, levels)).all
     there = start.apply(*about_um)
     off = (there[0] - about_um[0], there[1] - about_um[1])
     return Lie(other_side, start.turn_deg, place.x_um, place.y_um, agrees, off, _middle_off_um(whole, start))
+
+
+def _bright_beside(sheet: Sheet, shown: wide.Shown, pose: Pose) -> float:
+    """Return which share of what is as bright as metal or ink a hypothesis has beside the board; 0 where little is."""
+    levels = shown.levels[shown.seen]
+    middle = float(np.median(levels)) if len(levels) else 0.0
+    bright = shown.seen & (shown.levels - middle > max(BRIGHT * middle, LEAST_GREY))
+    count = np.count_nonzero(bright)
+    if count <= MUCH_BRIGHT * len(levels):
+        return 0.0
+    return float(np.count_nonzero(bright & wide.beside_board(sheet, shown, pose)) / count)
 
 
 def _middle_off_um(whole: Whole, pose: Pose) -> float:

@@ -184,15 +184,11 @@ def agreement(sheet: Sheet, shown: Shown, view: View) -> Agreement:
     return Agreement(_share(structure & fits, structure, weight), 1.0 - missed)
 
 
-def bright_beside(sheet: Sheet, shown: Shown, view: View) -> float:
-    """Return which share of what is seen as bright as metal a hypothesis has beside the board; 0 where nothing is."""
-    bright = shown.seen & (shown.levels - np.float32(view.levels.mask) > BRIGHT * view.levels.step)
-    if view.levels.step <= 0.0 or not bright.any():
-        return 0.0
+def beside_board(sheet: Sheet, shown: Shown, pose: Pose) -> Mask:
+    """Return which cells of the wide picture a hypothesis has beside the board."""
     if Material.OFF_BOARD not in sheet.present:
-        return 0.0
-    beside = lay(sheet.planes.cover[Material.OFF_BOARD], sheet, shown, view.pose, outside=1.0) >= 0.5
-    return float(np.count_nonzero(bright & beside) / np.count_nonzero(bright))
+        return np.zeros(shown.seen.shape, dtype=bool)
+    return lay(sheet.planes.cover[Material.OFF_BOARD], sheet, shown, pose, outside=1.0) >= 0.5
 
 
 def _standing_before(asked: Mask, strange: Mask) -> Mask:
