@@ -121,6 +121,8 @@ async def _first_aim(
                 break
     if job.steps > begun:
         await _step(job, context, start, (0.0, 0.0), pose_map)
+        # Nobody looks there: that way too may have ended on a part, and the next one is to begin straight up.
+        context.station.needle.board.end()
     raise _first_cause(unclear, failed, told=failed is None or another_view_helps(context, failed, prior))
 
 
@@ -210,6 +212,8 @@ async def _look_off(
     try:
         aim = await _look(job, context, stood.freed, point, pose_map, prior)
     except Fault as unseen:
+        if unseen.kind.latched:
+            raise  # Z lost steps: to lift the needle is no cure then, and nobody may move on by its count
         raise stood from unseen
     if aim.error_um <= max(metal_um, context.servo.tolerance_um):
         raise stood

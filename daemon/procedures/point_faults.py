@@ -16,5 +16,7 @@ SAID_BY_A_VERDICT = frozenset(
 """What one point may have and the next one need not."""
 CONTRADICTED = frozenset({FaultCode.WRONG_SIDE, FaultCode.BOARD_TURNED})
 """The board lies otherwise: believed of two looks, from different sides or at two points in a row."""
+SURE_LOOKS = 2
+"""From different sides, with none between that shows the board as it should lie: it lies otherwise."""
 BOARD_UNSEEN = frozenset({FaultCode.WRONG_PLACE, FaultCode.NO_BOARD, FaultCode.NOT_THIS_BOARD}) | CONTRADICTED
 """What one look may say by mistake where a way ended astray; at two points in a row it is the board."""

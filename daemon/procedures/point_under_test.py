@@ -26,7 +26,7 @@ from daemon.procedures.ladder import Attempt, Situation
 from daemon.procedures.meter_readings import AGAINST_GROUND, MeterReadings
 from daemon.procedures.pad_sites import on_metal_within_um
 from daemon.procedures.pad_touch import Budget, PadTouch
-from daemon.procedures.point_faults import CONTRADICTED
+from daemon.procedures.point_faults import CONTRADICTED, SURE_LOOKS
 from daemon.procedures.press_readers import PressReader
 from daemon.procedures.seat_state import seat_shifts
 from daemon.procedures.tare import what_was_read
@@ -70,7 +70,8 @@ class PointUnderTest:
         self.done: Mapping[str, PointVerdict] = {}
         """Points that have their verdict in this run, and are touched no more."""
         self.touches = self.elsewhere = self.contradictions = 0
-        """Descents onto its pad, and onto other points of its net; looks that said that the board lies otherwise."""
+        """Descents onto its pad, and onto other points of its net; sides that, one after the other, showed the board to
+        lie otherwise."""
         self.error_um: float | None = None
         """By how much the first look saw the tip off."""
         self.sigma_um: float | None = None
@@ -158,7 +159,7 @@ class PointUnderTest:
                 self.error_um = round(landed.before_um, 1)
             return landed
         except Fault as fault:
-            if fault.kind not in ANOTHER_SIDE or self.test.theta_deg is not None:
+            if not self._another_side_may_show(fault) or self.test.theta_deg is not None:
                 raise
             unseen = fault
         for target in other_views(self.context, self.over, here):
@@ -166,23 +167,27 @@ class PointUnderTest:
                 landed = await self._seen_from(await self._go_over(target), site or self.point)
                 return replace(landed, begun_elsewhere=True)
             except Fault as fault:
-                if fault.kind not in ANOTHER_SIDE:
+                if not self._another_side_may_show(fault):
                     raise
         raise unseen
+
+    def _another_side_may_show(self, fault: Fault) -> bool:
+        """Return whether another side may show what this one did not: not once two show the board to lie otherwise."""
+        self.contradictions += fault.kind in CONTRADICTED
+        return fault.kind in ANOTHER_SIDE and self.contradictions < SURE_LOOKS
 
     async def _seen_from(self, here: Position, point: BoardPoint, stood: StoodOn | None = None) -> Landed:
         job, context = self.job, self.context
         try:
             landed = await bring_onto(job, context, here, point, context.require_map(), astray=True, stood=stood)
         except Fault as fault:
-            self.contradictions += fault.kind in CONTRADICTED
             if fault.kind is not FaultCode.NOT_CONVERGING:
                 raise
             # A way that ended beside its place makes one step grow; the next one may go well.
             here, self._stays_since = await context.station.position(job), len(self.attempts)
             landed = await bring_onto(job, context, here, point, context.require_map(), astray=True)
             landed = replace(landed, begun_elsewhere=True)
-        self.health.points_unseen = 0
+        self.health.points_unseen = self.contradictions = 0
         if landed.steps:
             self._stays_since = len(self.attempts)
         self.sigma_um = round(landed.aim.correction.sigma_um, 2)
@@ -213,14 +218,15 @@ class PointUnderTest:
     async def _hover(self, here: Position) -> Position:
         """See the needle free where it is, and return that place; one that came down beside the pad is brought to it.
 
-        One whose tip is not seen from this side is looked at from another, unless the test wants this angle.
+        One whose tip is not seen from this side is looked at from another, unless the test wants this angle, or the pad
+        was seen from here: from another side nothing vouches for where the needle would be pressed.
         """
         try:
             return await hover_free(self.job, self.context, here, self._ground(here))
         except StoodOn as stood:
             return (await self.see(stood.freed, stood=stood)).aim.look.position
         except Fault as fault:
-            if fault.kind is not FaultCode.TIP_NOT_FOUND or self.test.theta_deg is not None:
+            if fault.kind is not FaultCode.TIP_NOT_FOUND or self.test.theta_deg is not None or self._seen:
                 raise
             unseen = fault
         for target in other_views(self.context, self.over, here):

@@ -24,7 +24,7 @@ from daemon.procedures.ladder import cause_of, next_step
 from daemon.procedures.meter_readings import MeterReadings
 from daemon.procedures.neighbour_nets import neighbour_nets
 from daemon.procedures.pad_touch import Budget
-from daemon.procedures.point_faults import BOARD_UNSEEN, CONTRADICTED, SAID_BY_A_VERDICT
+from daemon.procedures.point_faults import BOARD_UNSEEN, CONTRADICTED, SAID_BY_A_VERDICT, SURE_LOOKS
 from daemon.procedures.point_under_test import PointUnderTest
 from daemon.procedures.press_readers import PressReader, StationReader, TesterHold, TesterReader, TesterSilent
 from daemon.procedures.rungs import spent_from_the_start, take
@@ -38,8 +38,6 @@ from daemon.station.needle_health import NeedleHealth
 from drivers.errors import DeviceError
 
 NOTHING_DONE: Mapping[str, PointVerdict] = MappingProxyType({})
-SURE_LOOKS = 2
-"""From different sides, that say that the board lies otherwise: it does."""
 
 
 async def admit_probing(job: JobContext, context: StationContext, board_id: str | None, *, tester: bool) -> None:

@@ -71,6 +71,7 @@ async def _touch(
     pose_map = context.require_map()
     surface_z_um = place.z_um if place.z_um is not None else context.gantry.touch_z_um
     ground = Ground(pose_map, surface_z_um)
+    await context.station.may_go(target, job)  # a tip that is hidden is a point's verdict, and the head did not move
     job.fire(Event.OFF_TARGET if job.moves else Event.SEEN)
     job.moves += 1
     reached: Position = await context.station.go(target, job, slow_z_um=context.geometry.slow_z_um(target))

@@ -17,7 +17,7 @@ from daemon.platform.beside import beside
 from daemon.procedures.judging import ALONG_NET
 from daemon.procedures.meter_readings import AGAINST_GROUND, MeterReadings
 from daemon.procedures.pad_touch import Budget
-from daemon.procedures.point_faults import BOARD_UNSEEN, SAID_BY_A_VERDICT
+from daemon.procedures.point_faults import BOARD_UNSEEN, SAID_BY_A_VERDICT, SURE_LOOKS
 from daemon.procedures.point_under_test import PointUnderTest
 from daemon.procedures.press_readers import StationReader
 from daemon.procedures.sites import sited
@@ -107,6 +107,9 @@ async def _touch(at: PointUnderTest, meter: MeterReadings, named: BoardPoint) ->
         sibling = PointUnderTest(job, context, test, point, pad, budget, reader, meter, health)
         await _read(at, sibling)
     except (Fault, DeviceError) as exc:
+        if sibling is not None and sibling.contradictions >= SURE_LOOKS:
+            at.contradictions = sibling.contradictions  # that the board lies otherwise is no matter of one point
+            raise
         if as_fault(exc).kind not in SAID_BY_A_VERDICT | BOARD_UNSEEN or (sibling is not None and sibling.is_down):
             raise
     return sibling is not None

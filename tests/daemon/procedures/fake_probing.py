@@ -217,6 +217,8 @@ class Line:
         self._miss = (0.0, 0.0)
         world.gantry.scatter_um = self._way
         self.looks_at_move: list[int] = []
+        self.trusted_at_move: list[bool] = []
+        """Whether the board was known at each move, so that it might go across low."""
 
     def configure(self, config: Any) -> None:
         """Put another configuration in force."""
@@ -249,6 +251,7 @@ class Line:
         if before is None or math.dist((target.x_um, target.y_um), (before.x_um, before.y_um)) > 0.5:
             self._miss = self.misses_um.pop(0) if self.misses_um else (0.0, 0.0)
         self.looks_at_move.append(sum(isinstance(one, BoardSearch) for one in self.world.station.searches))
+        self.trusted_at_move.append(self.world.station.needle.board.is_recognised)
         helps = self.brush_helps and self.world.station.needle.health.brushings >= self.brush_helps_from
         if self.is_down and self._on(BRUSH_UM) and helps:
             self.debris_ohm = 0.0

@@ -8,10 +8,13 @@ from dataclasses import replace
 import pytest
 
 from daemon.domain.errors import Fault, FaultCode
-from daemon.domain.point_test import PointVerdict, Rung
+from daemon.domain.point_test import PointTest, PointVerdict, Rung
+from daemon.domain.states import Event
 from daemon.procedures import rungs
 from daemon.procedures.point_under_test import PointUnderTest
+from daemon.procedures.probe_point import probe_point
 from daemon.procedures.registry import PROCEDURES
+from daemon.station.needle_health import NeedleHealth
 from daemon.station.station import LookResult
 from daemon.storage.calibration_records import Seat
 from drivers.gantry import Position
@@ -20,7 +23,7 @@ from tests.daemon.procedures.fake_probing import (
     RADIUS_UM,
     Line,
 )
-from tests.daemon.procedures.fake_station import registered, run
+from tests.daemon.procedures.fake_station import BELOW_PX, HOVER_UM, registered, run
 from vision import NotFound, Reason
 from vision.registration import NotRegistered, Refusal, Registration
 
@@ -76,6 +79,49 @@ async def test_that_the_board_lies_otherwise_one_look_does_not_say(
             await line.probe("A", job_id="one")
     assert caught.value.kind is FaultCode.WRONG_SIDE
     assert line.world.calibrations.alignment(line.world.context.board) is None, "it is aligned before it goes on"
+
+
+def _poorly(look: LookResult) -> LookResult:
+    poor = NotRegistered(Refusal.NOT_THIS_BOARD, "0.41 of it agrees at best", None)
+    return look if look.board is None else replace(look, board=replace(look.board, found=poor))
+
+
+@pytest.mark.parametrize("at_0_deg", [_otherwise, _poorly])
+async def test_two_sides_that_show_the_board_to_lie_otherwise_are_enough_whatever_other_sides_show(
+    line: Line, at_0_deg: Callable[[LookResult], LookResult]
+) -> None:
+    line.lay_in("SN-1", Seat(verified=True, places=4, agreement=0.9))
+    views: dict[int, Callable[[LookResult], LookResult]] = {
+        0: at_0_deg, 180: _otherwise, 90: _otherwise, 270: lambda same: same
+    }  # fmt: skip
+    line.world.station.always = lambda look: views[round(look.position.theta_deg) % 360](look)
+    line.films["A"] = (99, INF)
+    with pytest.raises(Fault) as caught:
+        await line.probe("A")
+    assert caught.value.kind is FaultCode.WRONG_SIDE
+    assert line.descents_onto("A") == 1
+    assert line.world.calibrations.alignment(line.world.context.board) is None
+
+
+async def test_one_side_that_says_twice_what_another_has_contradicted_is_one(line: Line) -> None:
+    line.lay_in("SN-1", Seat(verified=True, places=4, agreement=0.9))
+    health = NeedleHealth()
+
+    def seen(look: LookResult) -> LookResult:
+        if abs(look.position.theta_deg % 360.0) < 1.0:
+            return _otherwise(look)
+        return _poorly(look) if health.checks else look  # after the reference pad the head begins at 0 degrees again
+
+    line.world.station.always = seen
+    line.films["A"] = (99, INF)
+    ran = line.begin("A")
+    ran.job.fire(Event.ACCEPTED)
+    record = await probe_point(
+        ran.job, line.world.context, PointTest(point="A"), None, run="run-1", health=health, at_deg=0.0
+    )
+    assert health.checks
+    assert record.fault == "wrong_side"
+    assert line.world.calibrations.alignment(line.world.context.board) is not None
 
 
 async def test_what_cannot_be_seen_from_one_side_is_looked_at_from_another(line: Line) -> None:
@@ -269,3 +315,60 @@ async def test_a_tip_that_no_picture_shows_from_one_side_is_looked_at_from_anoth
         assert record.verdict is PointVerdict.NOT_TESTED
         assert "23 %" in record.reason
     line.world.station.always = lambda look: look
+
+
+async def test_a_pad_that_has_to_be_seen_is_not_pressed_from_a_side_from_which_it_was_not(line: Line) -> None:
+    world, looks = line.world, list[LookResult]()
+    world.gantry.off_um = (1.0, 0.0, 0.0)  # so that the needle is looked at once more before it goes down
+    flexed = (-70.0 / HOVER_UM * BELOW_PX[0], -70.0 / HOVER_UM * BELOW_PX[1])
+    world.flex_px = lambda: flexed if len(looks) < 3 else (0.0, 0.0)
+
+    def hidden(look: LookResult) -> LookResult:
+        at, late = look.position, len(looks) >= 3
+        looks.append(look)
+        if late and abs(at.theta_deg % 360.0) < 1.0 and at.z_um < world.context.gantry.free_z_um - 5.0:
+            return replace(look, tip=NotFound(Reason.NO_MARKING, "the taper shows on only 23 % of its length"))
+        return look
+
+    world.station.always = hidden
+    record = await line.probe("A", method="contact")
+    assert len(looks) > 3
+    assert record.verdict is PointVerdict.NOT_TESTED
+    assert line.descents_onto("A") == 0
+
+
+async def test_lost_steps_that_are_found_above_what_the_needle_stood_on_are_told_as_such(line: Line) -> None:
+    _put_part(line, "A")
+    gantry, sunk = line.world.gantry, list[float]()
+
+    def sinks(look: LookResult) -> LookResult:
+        if not sunk and look.board is None and look.position.z_um >= line.world.context.gantry.free_z_um - 1.0:
+            sunk.append(5_000.0 + BODY_UM - 70.0)
+            gantry.actual = replace(gantry.actual, z_um=sunk[0])
+        return look
+
+    line.world.station.always = sinks
+    line.misses_um = [(RADIUS_UM + 150.0, 0.0)]
+    with pytest.raises(Fault) as caught:
+        await line.probe("A")
+    assert sunk
+    assert caught.value.kind is FaultCode.AXIS_STALLED
+
+
+async def test_a_way_back_after_which_nobody_looked_is_followed_by_one_straight_up(line: Line) -> None:
+    board = line.world.station.needle.board
+
+    def hidden(look: LookResult) -> LookResult:
+        board.seen_free()
+        board.recognised()
+        unclear = NotRegistered(Refusal.TARGET_NOT_CONFIRMED, "something stands before it", None)
+        side = round(look.position.theta_deg) % 360
+        return look if look.board is None or side else replace(look, board=replace(look.board, found=unclear))
+
+    line.world.station.always = hidden
+    record = await line.probe("A", method="contact")
+    assert record.verdict is PointVerdict.PASS_FIRST
+    moves = line.world.gantry.moves
+    turned = next(n for n, (target, _) in enumerate(moves) if round(target.theta_deg) % 360)
+    assert turned > 2, "it had stepped aside, and back"
+    assert line.trusted_at_move[turned] is False

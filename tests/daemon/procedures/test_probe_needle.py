@@ -237,3 +237,23 @@ async def test_a_needle_that_one_picture_hides_after_a_press_is_looked_at_again(
         await line.probe("A")
     assert caught.value.kind is FaultCode.TIP_NOT_FOUND
     assert line.world.station.needle.free_pin is not None, "nothing goes sideways before it was seen, or homed"
+
+
+async def test_a_tip_that_is_hidden_before_the_way_to_the_reference_pad_is_a_verdict(line: Line) -> None:
+    """The head has not begun to move then; a job that ends as one that moves is a defect."""
+    hidden = [0]
+
+    def glint(look: LookResult) -> LookResult:
+        lifted = line.presses_on("A") > 1 and not line.is_down and look.red is None
+        if not lifted or hidden[0] >= LOOKS_FOR_FREE:
+            return look
+        hidden[0] += 1
+        return replace(look, tip=NotFound(Reason.NO_NEEDLE, "a glint"))
+
+    line.world.station.always = glint
+    line.films["A"] = (99, INF)
+    ladder = line.world.context.config.ladder.model_copy(update={"order": (Rung.LOOK, Rung.REFERENCE)})
+    line.without(ladder=ladder)
+    record = await line.probe("A")
+    assert hidden[0] == LOOKS_FOR_FREE
+    assert (record.verdict, record.fault) == (PointVerdict.CONTACT_NOT_MADE, "tip_not_found")

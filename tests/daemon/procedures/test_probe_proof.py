@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -16,6 +17,8 @@ from daemon.procedures.point_under_test import PointUnderTest
 from daemon.procedures.sibling_point import siblings
 from daemon.procedures.tare import what_was_read
 from daemon.station.needle_health import NeedleHealth
+from daemon.station.station import LookResult
+from daemon.storage.calibration_records import Seat
 from drivers.errors import MeterTimeout, MeterTrouble
 from tests.daemon.procedures.fake_probing import (
     CONTACT_OHM,
@@ -26,6 +29,7 @@ from tests.daemon.procedures.fake_probing import (
     TOUCH_Z_UM,
     Line,
 )
+from vision.registration import NotRegistered, Refusal
 
 
 async def test_a_broken_net_is_confirmed_open_by_two_proofs_and_a_good_needle(line: Line) -> None:
@@ -113,6 +117,23 @@ async def test_another_point_is_seen_before_it_is_touched_for_the_proof(line: Li
     assert (record.verdict, record.elsewhere) == (PointVerdict.OPEN_CONFIRMED, 1)
     presses = [n for n, (target, _) in enumerate(line.world.gantry.moves) if target.z_um < TOUCH_Z_UM - 100.0]
     assert line.looks_at_move[presses[-1]] > line.looks_at_move[presses[-2]]
+
+
+async def test_that_the_board_lies_otherwise_two_sides_of_another_point_say_too(line: Line) -> None:
+    line.lay_in("SN-1", Seat(verified=True, places=4, agreement=0.9))
+    line.open_nets.add("NA")
+    over = NotRegistered(Refusal.WRONG_SIDE, "the board lies with its other side up", None)
+
+    def seen(look: LookResult) -> LookResult:
+        elsewhere = math.hypot(*line.world.miss_um("A2")) < 2_000.0
+        return replace(look, board=replace(look.board, found=over)) if look.board is not None and elsewhere else look
+
+    line.world.station.always = seen
+    with pytest.raises(Fault) as caught:
+        await line.probe("A")
+    assert caught.value.kind is FaultCode.WRONG_SIDE
+    assert line.descents_onto("A2") == 0
+    assert line.world.calibrations.alignment(line.world.context.board) is None, "it is aligned before it goes on"
 
 
 async def test_of_a_net_with_many_points_no_more_than_a_few_are_looked_for(line: Line) -> None:
