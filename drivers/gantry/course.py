@@ -107,9 +107,7 @@ class Course:
             if axis.holds_start:
                 return axis.let_go(deadline)
         if following is None:
-            standing = (name for name in self._axes if name not in self._under_way)
-            unseen = [name for name in standing if self._axes[name].looked_at_s < self.leg_begun_s]
-            return self._look(unseen[0], deadline) if unseen else None
+            return None
         since_s = time.monotonic() - STALE_S
         for name, at in following.to.items():
             waits = name not in self._under_way and name not in self._aimed

@@ -144,21 +144,33 @@ class _Dip:
 async def test_a_dip_before_any_request_of_a_move_moves_no_drive_that_lost_its_count(
     homed: Machine, soon: Deadline, axis: str
 ) -> None:
-    """It should be named however late it comes, end the move with all drives off, and leave that one where it is."""
+    """It should leave that drive where it is, and be named: by the move, which ends with all drives off, or else next.
+
+    Else: it came after the move's last look at that drive, of which not more than four requests are left then.
+    """
     away = dataclasses.replace(PLACE, x_um=61_000.0, y_um=41_000.0)
     await homed.gantry.move_to(PLACE, soon)
     dip = _Dip(homed, axis)
     homed.line.answer = dip
     await homed.gantry.move_to(away, soon)
     total = dip.asked
-    for before in range(1, total, 5):
+    for before in range(1, total + 1, 2):
         await homed.gantry.home(Deadline.after(30.0))
         await homed.gantry.move_to(PLACE, Deadline.after(30.0))
         dip.left = before
-        with pytest.raises(DeviceError):
+        homed.line.requests.clear()
+        try:
             await homed.gantry.move_to(away, Deadline.after(30.0))
+        except DeviceError:
+            assert all(drive.state != 0x27 for drive in homed.drives.values()), before
+        else:
+            late = homed.line.requests[before - 1 :]
+            assert len(late) <= 4, before
+            assert not any(one[:2] == bytes([AXES[axis].address, 3]) for one in late), "it was looked at after that"
+            with pytest.raises(EmergencyStop, match="lost power"):
+                await homed.gantry.homed()
+            await homed.gantry.quick_stop()
         assert homed.drives[axis].position == 0, before
-        assert all(drive.state != 0x27 for drive in homed.drives.values()), before
         dip.left = None
         await homed.gantry.start(Deadline.after(30.0))
 
