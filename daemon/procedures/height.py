@@ -37,7 +37,8 @@ class StoodOn(Fault):
     """
 
     def __init__(self, by_um: float, freed: Position) -> None:
-        super().__init__(FaultCode.WRONG_HEIGHT, _pushed_text(by_um), pushed_um=round(by_um, 1))
+        told = _touching(by_um)
+        super().__init__(told.kind, told.message, **told.detail)
         self.freed = freed
 
 
@@ -83,7 +84,7 @@ def refuse_pushed(context: StationContext, look: LookResult, pose_map: PoseMap) 
         raise _lower_than_counted(look.position, up_um)
     if up_um > PUSHED_UM:
         context.station.needle.board.end()
-        raise Fault(FaultCode.WRONG_HEIGHT, _pushed_text(up_um), pushed_um=round(up_um, 1))
+        raise _touching(up_um)
 
 
 async def require_free(
@@ -207,5 +208,9 @@ def _lower_than_counted(here: Position, by_um: float) -> Fault:
     )
 
 
-def _pushed_text(by_um: float) -> str:
-    return f"the board lies higher than it should: the pin was pushed in by {by_um:.0f} um where it should hover"
+def _touching(by_um: float) -> Fault:
+    return Fault(
+        FaultCode.WRONG_HEIGHT,
+        f"the board lies higher than it should: the pin was pushed in by {by_um:.0f} um where it should hover",
+        pushed_um=round(by_um, 1),
+    )

@@ -33,7 +33,6 @@ from daemon.procedures.tare import what_was_read
 from daemon.procedures.touched_pad import TouchedPad
 from daemon.station.needle_health import NeedleHealth
 from drivers.gantry import Position
-from vision import Tip
 
 ANOTHER_SIDE = frozenset(
     {
@@ -68,7 +67,7 @@ class PointUnderTest:
         self.readings: list[PointReading] = []
         self.spent: set[Rung] = set()
         self.done: Mapping[str, PointVerdict] = {}
-        """Points that have their verdict in this run, and are touched no more."""
+        """Points that have their verdict in this run, with it; they are touched no more."""
         self.touches = self.elsewhere = self.contradictions = 0
         """Descents onto its pad, and onto other points of its net; sides that, one after the other, showed the board to
         lie otherwise."""
@@ -201,19 +200,13 @@ class PointUnderTest:
         look = self.job.last_look
         above = here if self._seen and look is not None and look.position == here else await self._hover(here)
         ground = self._ground(above)
-        if self._seen:
-            remember_free(self.context, self._tip_seen(), above, ground.pose_map)
+        if self._seen and self.job.last_look is not None:
+            remember_free(self.context, require_tip(self.job.last_look), above, ground.pose_map)
         standing = PadTouch(self.job, self.context, self.pad, self.budget, self.reader, above, ground, press_um)
         self._standing = standing
         self.touches += 1
         contact, taken = await standing.down(rung)
         self._note(rung, contact.pressed_um, contact.force_n, taken)
-
-    def _tip_seen(self) -> Tip:
-        look = self.job.last_look
-        if look is None:
-            raise ValueError("nothing was looked at")
-        return require_tip(look)
 
     async def _hover(self, here: Position) -> Position:
         """See the needle free where it is, and return that place; one that came down beside the pad is brought to it.

@@ -93,8 +93,8 @@ async def probe_point(  # noqa: PLR0913  # each is told by name
     `run`: of which run it is a part, by the plan of that hash. `visit`: by what the touches of one test are counted
     together over restarts, None: the run, or the job. `health`: what is known of the needle, None: the station's own.
     `hold`: the tester measures, and the needle is held for it. `at_deg`: the head's angle to begin with, where the
-    test wants none. `done`: points that have their verdict in this run, and are touched no more. The job has been
-    `accepted` before.
+    test wants none. `done`: points that have their verdict in this run, with it; they are touched no more. The job has
+    been `accepted` before.
     """
     health = health if health is not None else context.station.needle.health
     trial = _Trial(job, context, test, board_id, visit or run or job.request.id, health, hold, at_deg)

@@ -158,8 +158,7 @@ def agreement(sheet: Sheet, shown: Shown, view: View) -> Agreement:
         return Agreement(0.0, 0.0)
     cover = sheet.planes.cover
     asked = np.isfinite(view.expected)
-    if Material.OFF_BOARD in sheet.present:
-        asked &= lay(cover[Material.OFF_BOARD], sheet, shown, view.pose, outside=1.0) < 0.5
+    asked &= ~beside_board(sheet, shown, view.pose)
     seen, expected = shown.levels[asked] - np.float32(mask), view.expected[asked] - np.float32(mask)
     metal = lay(cover[Material.METAL], sheet, shown, view.pose, outside=0.0)[asked] > 0.5
     weight, solder = None, np.zeros_like(metal)

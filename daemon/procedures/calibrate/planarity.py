@@ -77,7 +77,7 @@ async def measure_surface(job: JobContext, context: StationContext, request: Cal
     for n, (point, place) in enumerate(zip(points, places, strict=True)):
         job.progress(n, len(places), f"touching {point.name}")
         pushes.append(await _press(context, search, point, place))
-    # No look tells a push of some um: were steps of Z lost on the way, the needle would rest on the board
+    # No look tells a push of some um, such as a few lost steps of Z would leave behind just above the board
     await sequence.go(replace(pushes[-1].place, z_um=context.gantry.safe_z_um))
     heights = heights_um(pushes, pose_map, press_um, context.gantry.touch_z_um)
     where = np.array([context.geometry.tip_um(push.place) for push in pushes])
