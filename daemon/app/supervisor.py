@@ -24,6 +24,7 @@ from daemon.jobs.fault_latch import AXES, FaultLatch
 from daemon.jobs.runner import EXCLUSIVE_WITHIN_S
 from daemon.jobs.station_lock import StationLock
 from daemon.jobs.watchdog import Watchdog
+from daemon.station.approach import approach_of
 from daemon.station.conditions import conditions_of
 from daemon.station.darkness import require_dark
 from daemon.station.device_errors import as_fault
@@ -39,7 +40,7 @@ from daemon.storage.calibration_store import Calibrations
 from daemon.storage.journal import Journal
 from drivers.deadline import Deadline
 from drivers.errors import CameraError, DeadlinePassed, DeviceError, LinkTimeout
-from drivers.gantry import Position
+from drivers.gantry import Approach, Position
 from vision import ProbeModel
 from vision.geometry import PoseMap
 
@@ -114,10 +115,15 @@ class StationSupervisor:
     def _lay_out(self, hardware: Hardware) -> None:
         config, board = self._settings.config, self._settings.board
         geometry = Geometry(config, board, self._calibrations, self.needle.board)
-        station = Station(config, hardware, self.needle)
+        station = Station(config, hardware, self.needle, self._approach)
         self.needle.adopt(geometry.up_z_um, geometry.surface_z_um)
         self.needle.taught_free = partial(self._taught_free, FreePin.where_no_board_is, config.gantry.safe_z_um)
         self._context = StationContext(config, station, board, self._calibrations, geometry)
+
+    def _approach(self) -> Approach:
+        """Return from how far X, Y and theta come to their targets, by what is calibrated at present."""
+        config = self._settings.config
+        return approach_of(config.gantry, self._calibrations.in_force, config.servo.calibration_days)
 
     def _fit_calibrations(self) -> None:
         """Read what was measured for just these settings; of the rest it is said why it is not used."""

@@ -38,5 +38,5 @@ def order_of(context: StationContext, positions: Iterable[Position], here: Posit
     listed = list(positions)
     if not short:
         return list(range(len(listed)))
-    times = TravelTimes(context.config, [here, *listed])
+    times = TravelTimes(context.config, [here, *listed], context.station.approach)
     return [place - 1 for place in shortest_order(times, range(1, len(listed) + 1), 0)]

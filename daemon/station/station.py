@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Awaitable
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, replace
 
 from daemon.config.model import Config
@@ -26,7 +26,7 @@ from daemon.station.tip_search import UNUSABLE, TipSearch
 from drivers.camera import Exposed, Frame
 from drivers.deadline import Deadline
 from drivers.errors import FrameLost
-from drivers.gantry import ClearHeight, Position
+from drivers.gantry import Approach, ClearHeight, Position
 from drivers.lights import Light
 from drivers.meter import Meter
 from vision import ControlPoint, NotFound, ProbeModel, Seen, Tip, find_control_point, find_test_points
@@ -94,8 +94,18 @@ class CrossSearch:
 class Station:
     """The opened hardware as one thing that looks and goes."""
 
-    def __init__(self, config: Config, hardware: Hardware, needle: Needle | None = None) -> None:
-        """Take the needle, which outlives a reload of the configuration; without one the station has its own."""
+    def __init__(
+        self,
+        config: Config,
+        hardware: Hardware,
+        needle: Needle | None = None,
+        approach: Callable[[], Approach | None] = lambda: None,
+    ) -> None:
+        """Take the needle, which outlives a reload of the configuration; without one the station has its own.
+
+        `approach`: who knows from how far the axes have to come to a target; None: as the configuration has it.
+        """
+        self._approach = approach
         self._gantry_section, self._sense = config.gantry, config.sense
         self._hardware = hardware
         self._frames = Frames(hardware, config.camera.timeout_ms / 1e3)
@@ -109,6 +119,11 @@ class Station:
     def exchanges(self) -> int:
         """How many requests went over the buses so far: a sign of life while something moves."""
         return sum(bus.statistics.requests for bus in self._hardware.buses.values())
+
+    @property
+    def approach(self) -> Approach | None:
+        """From how far the axes come to their targets at present; None: as the configuration has it."""
+        return self._approach()
 
     async def position(self, caller: Clocked) -> Position:
         """Read where the axes are."""
@@ -173,7 +188,9 @@ class Station:
         self.needle.departs(target)
         gantry = self._hardware.gantry
         try:
-            reached = await gantry.move_to(target, deadline, from_above=from_above, slow_z_um=slow_z_um, clear=clear)
+            reached = await gantry.move_to(
+                target, deadline, from_above=from_above, slow_z_um=slow_z_um, clear=clear, approach=self.approach
+            )
             self._resting_since_s = gantry.at_rest_s
         except BaseException:
             self._resting_since_s = time.monotonic()

@@ -13,7 +13,7 @@ import numpy as np
 
 from daemon.config.model import Config
 from daemon.config.sections.devices import AxisSection
-from drivers.gantry import Position
+from drivers.gantry import Approach, Position
 from drivers.gantry.contract import axis_theta_deg
 from vision.geometry import Array
 
@@ -32,14 +32,15 @@ def trapezoid_s(way: Array, speed: float, acceleration: float) -> Array:
 class TravelTimes:
     """Times between places of the head; theta of a place may be a head angle or the axis' own coordinate."""
 
-    def __init__(self, config: Config, places: Sequence[Position]) -> None:
-        """Take the places, of which the times are asked by number."""
+    def __init__(self, config: Config, places: Sequence[Position], approach: Approach | None = None) -> None:
+        """Take the places, of which the times are asked by number; `approach`: None for the configured one."""
         gantry, axes = config.gantry, config.axes
         thetas = [axis_theta_deg(place.theta_deg) for place in places]
+        before = approach or Approach(gantry.approach_um, gantry.approach_um, gantry.approach_deg)
         self._axes: tuple[tuple[AxisSection, Array, float, float], ...] = (
-            (axes.x, np.array([place.x_um for place in places]), gantry.approach_um, SAME_UM),
-            (axes.y, np.array([place.y_um for place in places]), gantry.approach_um, SAME_UM),
-            (axes.theta, np.array(thetas), gantry.approach_deg, SAME_DEG),
+            (axes.x, np.array([place.x_um for place in places]), before.x_um, SAME_UM),
+            (axes.y, np.array([place.y_um for place in places]), before.y_um, SAME_UM),
+            (axes.theta, np.array(thetas), before.theta_deg, SAME_DEG),
         )
         rise_um = max(0.0, gantry.safe_z_um - gantry.work_z_um)
         rise_s = trapezoid_s(np.array(rise_um), axes.z.speed, axes.z.acceleration)
@@ -61,7 +62,7 @@ class TravelTimes:
             here, to = at[starts], at[ends]
             stays = np.abs(to - here) <= same
             before = to - approach
-            turns = (here > before) & ~stays
+            turns = (here > before) & ~stays & (approach > 0)
             way = np.where(turns, approach, to - here)
             out_s = trapezoid_s(np.where(turns, before - here, 0.0), axis.speed, axis.acceleration)
             in_s = trapezoid_s(np.where(stays, 0.0, way), axis.speed, axis.acceleration)

@@ -3,6 +3,7 @@
 from drivers.gantry.contract import (
     THETA_FIRST_DEG,
     THETA_LAST_DEG,
+    Approach,
     AxisCondition,
     AxisSettings,
     ClearHeight,
@@ -18,6 +19,7 @@ __all__ = [
     "AXES",
     "THETA_FIRST_DEG",
     "THETA_LAST_DEG",
+    "Approach",
     "AxisCondition",
     "AxisSettings",
     "ClearHeight",

@@ -40,6 +40,15 @@ span, at any angle between theirs. Theta is the axis coordinate; Z of the places
 
 
 @dataclass(frozen=True, slots=True)
+class Approach:
+    """How far below its target each axis turns back, to come to it from below; 0: it may come from either side."""
+
+    x_um: float
+    y_um: float
+    theta_deg: float
+
+
+@dataclass(frozen=True, slots=True)
 class GantryConfig:
     """How the four axes move as one machine."""
 

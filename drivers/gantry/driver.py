@@ -23,6 +23,7 @@ from drivers.errors import (
 )
 from drivers.gantry.contract import (
     READ_BACK_UM,
+    Approach,
     AxisCondition,
     ClearHeight,
     GantryAxis,
@@ -150,10 +151,12 @@ class Gantry:
         from_above: frozenset[str] = frozenset(),
         slow_z_um: float | None = None,
         clear: ClearHeight | None = None,
+        approach: Approach | None = None,
     ) -> Position:
         """Move to an absolute place and give where the drives report to be.
 
-        X, Y and theta come to it from below; those in `from_above` from above, to measure backlash. Z goes down slowly
+        X, Y and theta come to it from below, from as far as `approach` says (None: the configuration); those in
+        `from_above` from above, to measure backlash. Z goes down slowly
         below `slow_z_um`: the highest that the surface can be there, None where only the configuration says it.
         `clear` is asked once how low the way across may be; None: it goes at the safe height.
 
@@ -167,7 +170,7 @@ class Gantry:
             if missing:
                 raise NotHomed(f"no reference on {', '.join(missing)}", device=_NAME)
             now = await self.position(deadline, last_s)
-            legs = plan(now, place, self.config, self._ends, from_above, slow_z_um, clear)
+            legs = plan(now, place, self.config, self._ends, from_above, slow_z_um, clear, approach)
             course = await self._run(legs, deadline)
             reached = await self.position(deadline, course.leg_begun_s)
             self._check_arrival(place, reached)

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from drivers.errors import EnvelopeViolation
-from drivers.gantry.contract import ClearHeight, GantryConfig, Position
+from drivers.gantry.contract import Approach, ClearHeight, GantryConfig, Position
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,17 +40,19 @@ def plan(
     from_above: frozenset[str] = frozenset(),
     slow_z_um: float | None = None,
     clear: ClearHeight | None = None,
+    approach: Approach | None = None,
 ) -> list[Leg]:
     """List the legs: rise, go across with a one-sided approach, lower. Theta is the axis coordinate in both.
 
     A leg names only the axes that move. A pure Z move does not rise. Across it goes at the safe height or above; where
-    `clear` knows a lower one for this way, at that. Axes in `from_above` (x, y, theta) come from the other side. Below
-    `slow_z_um` (None: the configuration's) Z goes down slowly; up it always goes fast. Raises EnvelopeViolation for a
+    `clear` knows a lower one for this way, at that. Axes in `from_above` (x, y, theta) come from the other side.
+    `approach`: how much room below the target the others take, where that is known better than the configuration does.
+    Below `slow_z_um` (None: the configuration's) Z goes down slowly; up it always goes fast. Raises EnvelopeViolation for a
     target so near to an end that there is no room for the approach.
     """
     legs: list[Leg] = []
     slow_z_um = config.slow_z_um if slow_z_um is None else slow_z_um
-    across = _across(now, target, config, ends, from_above)
+    across = _across(now, target, config, ends, from_above, approach)
     z_um = now.z_um
     across_um = _across_z_um(now, across, config, slow_z_um, clear)
     if across and z_um < across_um:
@@ -89,35 +91,44 @@ def _down(from_um: float, to_um: float, config: GantryConfig, slow_z_um: float) 
 
 
 def _across(
-    now: Position, target: Position, config: GantryConfig, ends: Ends, from_above: frozenset[str]
+    now: Position,
+    target: Position,
+    config: GantryConfig,
+    ends: Ends,
+    from_above: frozenset[str],
+    approach: Approach | None,
 ) -> list[dict[str, float]]:
     """Go to a point below the target in X, Y and theta, then up to it: always the same flank of the screw.
 
-    An axis that is there already stays: it came from the right side when it came.
+    An axis that is there already stays: it came from the right side when it came. One without play comes straight.
     """
     axes = {
-        "x": (now.x_um, target.x_um, config.same_place_um, config.backlash_um, ends.x_um),
-        "y": (now.y_um, target.y_um, config.same_place_um, config.backlash_um, ends.y_um),
-        "theta": (
-            now.theta_deg,
-            target.theta_deg,
-            config.same_place_deg,
-            config.backlash_theta_deg,
-            ends.theta_deg,
-        ),
+        "x": (now.x_um, target.x_um, config.same_place_um, ends.x_um),
+        "y": (now.y_um, target.y_um, config.same_place_um, ends.y_um),
+        "theta": (now.theta_deg, target.theta_deg, config.same_place_deg, ends.theta_deg),
     }
+    lengths = _lengths(config, from_above, approach)
     aside: dict[str, float] = {}
     final: dict[str, float] = {}
-    for name, (here, to, same, backlash, (low, high)) in axes.items():
+    for name, (here, to, same, (low, high)) in axes.items():
         if abs(to - here) <= same:
             continue
-        final[name] = to
-        before = to + backlash if name in from_above else to - backlash
+        final[name], length = to, lengths[name]
+        before = to + length if name in from_above else to - length
         if not low - _ROUNDING <= before <= high + _ROUNDING:
             side, end = ("above", high) if name in from_above else ("below", low)
-            text = f"{name} {to:.4f} is too near to the end {end:g}: to come from {side}, {backlash:g} are needed"
+            text = f"{name} {to:.4f} is too near to the end {end:g}: to come from {side}, {length:g} are needed"
             raise EnvelopeViolation(text, device="gantry", advice=_NO_ROOM)
         # From further out on that side it comes from the right one anyway
-        if (here < before) if name in from_above else (here > before):
+        if length > 0 and ((here < before) if name in from_above else (here > before)):
             aside[name] = before
     return [leg for leg in (aside, final) if leg]
+
+
+def _lengths(config: GantryConfig, from_above: frozenset[str], approach: Approach | None) -> dict[str, float]:
+    """Return how long each axis' approach is; one from above, which measures the play, is as configured."""
+    whole = {"x": config.backlash_um, "y": config.backlash_um, "theta": config.backlash_theta_deg}
+    if approach is None:
+        return whole
+    asked = {"x": approach.x_um, "y": approach.y_um, "theta": approach.theta_deg}
+    return {name: whole[name] if name in from_above else asked[name] for name in whole}

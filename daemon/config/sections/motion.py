@@ -32,7 +32,9 @@ class GantrySection(Section):
     descent_speed: float = Field(
         default=2000.0, gt=0, le=2000, description="of Z below the highest possible surface, um per second"
     )
-    approach_um: NotNegative = Field(default=200.0, description="overshoot for the one-sided approach")
+    approach_um: NotNegative = Field(
+        default=200.0, description="overshoot for the one-sided approach; less where the measured play asks for less"
+    )
     approach_deg: NotNegative = Field(default=0.5, description="the same for the head's angle")
     settle_ms: NotNegative = Field(default=60.0, description="vibration after a move dies out within this")
 

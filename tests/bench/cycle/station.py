@@ -165,6 +165,10 @@ def bench(out: Path, say: Say, *, clearance: bool = True, seat: bool = True) -> 
         session.set_up()
         if seat:
             session.calibrate_fully(ANGLES)
+            say("measuring the play")  # as every station's set-up does
+            play = client.job("calibrate", what="backlash", timeout_s=900.0)
+            if play.error is not None:
+                raise SystemExit(f"the play could not be measured: {play.error.message}")
         else:
             result = client.job("calibrate", what="surface", places=6, timeout_s=900.0)
             if result.error is not None:

@@ -16,7 +16,10 @@ from daemon.domain.errors import Fault, FaultCode
 from daemon.domain.states import Lifecycle, State
 from daemon.jobs.fault_latch import AXES
 from daemon.jobs.watchdog import Watchdog
+from daemon.platform.clock import utc_now
+from daemon.storage.calibration_records import AxisBacklash, BacklashRecord
 from drivers.errors import CameraError, DeadlinePassed, DriveFault, EmergencyStop, LightError, LinkTimeout
+from drivers.gantry import Approach
 from tests.daemon.app.supervised_station import JOBS, Station, let_pass, turns, until
 
 
@@ -414,3 +417,27 @@ async def test_at_the_end_nothing_moves_while_an_axis_is_in_doubt(station: Stati
 async def test_a_station_that_was_never_opened_has_nothing_to_release(station: Station) -> None:
     await station.supervisor.release()
     assert station.hardware.did == []
+
+
+async def test_the_axes_come_to_their_targets_from_as_far_as_the_measured_play_asks_for(tmp_path: Path) -> None:
+    station = Station(tmp_path)
+    await station.supervisor.open()
+    context = station.supervisor.context()
+    assert context is not None
+    assert context.station.approach == Approach(200.0, 200.0, 0.5)
+    play = AxisBacklash(from_below_um=(0.0,), from_above_um=(15.0,), backlash_um=15.0, sigma_um=3.0)
+    context.calibrations.store(
+        BacklashRecord(
+            station="demo",
+            made_at=utc_now(),
+            job="j",
+            seconds=1.0,
+            looks=1,
+            probe="",
+            x=play,
+            y=play,
+            approach_um=200.0,
+        )
+    )
+    assert context.station.approach is not None
+    assert 24.0 < context.station.approach.x_um < 100.0, "as soon as it is measured"

@@ -12,7 +12,7 @@ import pytest
 from daemon.config.model import Config, load_config
 from daemon.station.shortest_order import shortest_order
 from daemon.station.travel_time import TravelTimes, trapezoid_s
-from drivers.gantry import Position
+from drivers.gantry import Approach, Position
 from drivers.gantry.contract import GantryConfig, axis_theta_deg
 from drivers.gantry.path import Ends, plan
 from tests.daemon.procedures.fake_station import EXAMPLE
@@ -41,7 +41,7 @@ def _leg_s(config: Config, axis: str, way: float) -> float:
     return abs(way) / float(section.speed) + section.speed / section.acceleration
 
 
-def _by_legs_s(config: Config, now: Position, target: Position) -> float:
+def _by_legs_s(config: Config, now: Position, target: Position, approach: Approach | None) -> float:
     """Time the legs that the gantry itself plans."""
     gantry = config.gantry
     machine = GantryConfig(
@@ -53,17 +53,18 @@ def _by_legs_s(config: Config, now: Position, target: Position) -> float:
     )  # fmt: skip
     at = {"x": now.x_um, "y": now.y_um, "z": now.z_um, "theta": now.theta_deg}
     total_s = gantry.settle_ms / 1e3
-    for leg in plan(now, target, machine, Ends(wide, wide, wide, wide)):
+    for leg in plan(now, target, machine, Ends(wide, wide, wide, wide), approach=approach):
         total_s += max(_leg_s(config, axis, to - at[axis]) for axis, to in leg.to.items())
         at |= leg.to
     return total_s
 
 
-def test_times_are_those_of_the_legs_that_the_gantry_plans(config: Config) -> None:
+@pytest.mark.parametrize("approach", [None, Approach(60.0, 0.0, 0.5)])
+def test_times_are_those_of_the_legs_that_the_gantry_plans(config: Config, approach: Approach | None) -> None:
     places = _places(1, 60, config, (0.0, 45.0, 330.0))
-    found = TravelTimes(config, places).between(np.arange(60), np.arange(60))
+    found = TravelTimes(config, places, approach).between(np.arange(60), np.arange(60))
     for i, j in random.Random(2).sample([(i, j) for i in range(60) for j in range(60) if i != j], 300):
-        assert found[i, j] == pytest.approx(_by_legs_s(config, places[i], places[j]), abs=1e-9), (i, j)
+        assert found[i, j] == pytest.approx(_by_legs_s(config, places[i], places[j], approach), abs=1e-9), (i, j)
     assert not np.diagonal(found).any()
 
 

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import EnvelopeViolation
-from drivers.gantry import GantryConfig, Position, axis_theta_deg
+from drivers.gantry import Approach, GantryConfig, Position, axis_theta_deg
 from drivers.gantry.path import Ends, Leg, plan
 
 ENDS = Ends((0.0, 200000.0), (0.0, 150000.0), (0.0, 30000.0), (-220.0, 100.0))
@@ -288,3 +288,24 @@ def test_the_height_is_asked_for_the_whole_way_also_that_to_come_from_below() ->
     plan(now, replace(now, z_um=5000.0), CONFIG, ENDS, clear=clear)
     plan(replace(now, z_um=12000.0), target, CONFIG, ENDS, clear=clear)
     assert not asked
+
+
+def test_an_approach_that_is_known_better_is_as_long_as_it_has_to_be() -> None:
+    now, target = Position(9000.0, 9000.0, 20000.0, 9.0), Position(5000.0, 5000.0, 20000.0, 5.0)
+    legs = plan(now, target, CONFIG, ENDS, approach=Approach(20.0, 30.0, 0.1))
+    assert [leg.to for leg in legs[:2]] == [
+        {"x": 4980.0, "y": 4970.0, "theta": 4.9}, {"x": 5000.0, "y": 5000.0, "theta": 5.0},
+    ]  # fmt: skip
+
+
+def test_an_axis_without_play_comes_straight_from_either_side_and_to_either_end() -> None:
+    now, none = Position(9000.0, 9000.0, 20000.0, 9.0), Approach(0.0, 20.0, 0.0)
+    target = Position(0.0, 5000.0, 20000.0, -220.0)
+    legs = plan(now, target, CONFIG, ENDS, approach=none)
+    assert [leg.to for leg in legs[:2]] == [{"y": 4980.0}, {"x": 0.0, "y": 5000.0, "theta": -220.0}]
+
+
+def test_one_from_above_is_as_long_as_configured_whatever_is_known() -> None:
+    now, target = Position(5000.0, 9000.0, 20000.0, 0.0), Position(7000.0, 9000.0, 20000.0, 0.0)
+    legs = plan(now, target, CONFIG, ENDS, frozenset({"x"}), approach=Approach(0.0, 0.0, 0.0))
+    assert legs[0].to == {"x": 7000.0 + CONFIG.backlash_um}
