@@ -46,9 +46,9 @@ def plan(
 
     A leg names only the axes that move. A pure Z move does not rise. Across it goes at the safe height or above; where
     `clear` knows a lower one for this way, at that. Axes in `from_above` (x, y, theta) come from the other side.
-    `approach`: how much room below the target the others take, where that is known better than the configuration does.
-    Below `slow_z_um` (None: the configuration's) Z goes down slowly; up it always goes fast. Raises EnvelopeViolation for a
-    target so near to an end that there is no room for the approach.
+    `approach`: how much room below the target the others take, where that is known better than by the configuration.
+    Below `slow_z_um` (None: the configuration's) Z goes down slowly; up it always goes fast. Raises EnvelopeViolation
+    for a target so near to an end that there is no room for the approach.
     """
     legs: list[Leg] = []
     slow_z_um = config.slow_z_um if slow_z_um is None else slow_z_um
