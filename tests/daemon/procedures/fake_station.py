@@ -47,7 +47,7 @@ from daemon.wire.operations.table import OPERATIONS
 from drivers.camera import Frame
 from drivers.deadline import Deadline
 from drivers.errors import EnvelopeViolation, FrameLost
-from drivers.gantry import ClearHeight, Position
+from drivers.gantry import Approach, ClearHeight, Position
 from drivers.gantry.contract import axis_theta_deg
 from drivers.lights import Light
 from tests.daemon.tools.report.synthetic import rotation_record, surface_record
@@ -226,6 +226,7 @@ class FakeGantry:
         from_above: frozenset[str] = frozenset(),
         slow_z_um: float | None = None,
         clear: ClearHeight | None = None,
+        approach: Approach | None = None,  # noqa: ARG002
     ) -> Position:
         self.asked.append(deadline)
         self.slow_z_um.append(self.config.gantry.highest_surface_um if slow_z_um is None else slow_z_um)
