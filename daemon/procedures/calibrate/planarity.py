@@ -274,14 +274,14 @@ def _away_um(pad: BoardPoint, points: Sequence[BoardPoint]) -> float:
     return min((dist(pad.place_um, point.place_um) for point in points), default=inf)
 
 
-def _believed(places: Array, heights: Array, needed: int) -> Array:
+def _believed(places: Array, heights: Array, needed: int) -> list[int]:
     """Return the numbers of the touches that count: those needed, and of those farther out what lies in their plane.
 
     What solder stands on a pin varies most, and one far out turns the plane of all others before it shows.
     """
     surface = _plane(places[:needed], heights[:needed])
-    off_um = np.array([h - surface.height_um(float(x), float(y)) for (x, y), h in zip(places, heights, strict=True)])
-    return np.flatnonzero((np.arange(len(heights)) < needed) | (np.abs(off_um) <= PLANAR_WITHIN_UM))
+    off_um = [h - surface.height_um(float(x), float(y)) for (x, y), h in zip(places, heights, strict=True)]
+    return [n for n, off in enumerate(off_um) if n < needed or abs(off) <= PLANAR_WITHIN_UM]
 
 
 def _plane(places: Array, heights: Array) -> Surface:
