@@ -243,17 +243,18 @@ class Station:
         if position.z_um < free.z_um:
             with caller.watch.spend("motion"):
                 position = await self._move(replace(position, z_um=free.z_um), caller.deadline)
-        off_px: float | None = None
-        for _ in range(LOOKS_FOR_FREE):
-            tip = (await self.look_white(position, free.model, None, caller)).tip
-            if not isinstance(tip, Tip):
-                continue  # a glint may hide it in one picture
-            off_px = free.off_px(tip)
-            if free.shows_free(tip):
-                await self.refuse_metal(caller)
-                self.needle.free_pin = None
-                return
-        if off_px is None:
+        tip = await self._tip_above(position, free, caller)
+        if tip is None and position.z_um < self._gantry_section.safe_z_um:
+            # Pads as bright as the needle hide it near by. That it hangs free up there proves no exact height any more.
+            self.needle.board.end()
+            with caller.watch.spend("motion"):
+                position = await self._move(replace(position, z_um=self._gantry_section.safe_z_um), caller.deadline)
+            tip = await self._tip_above(position, free, caller)
+        if tip is not None and free.shows_free(tip):
+            await self.refuse_metal(caller)
+            self.needle.free_pin = None
+            return
+        if tip is None:
             raise Fault(
                 FaultCode.TIP_NOT_FOUND,
                 "after a press, or where it had not been seen, the tip was not found above either: nobody knows "
@@ -265,11 +266,21 @@ class Station:
         raise Fault(
             FaultCode.AXIS_STALLED,
             f"Z did not lift the needle: by its count it is at {position.z_um / 1e3:.2f} mm, but the tip stands "
-            f"{off_px:.1f} px from its free place in the picture",
+            f"{free.off_px(tip):.1f} px from its free place in the picture",
             advice="lift Z by hand, find what blocks it, then `reset` and `home`",
             axis="z",
-            off_px=round(off_px, 2),
+            off_px=round(free.off_px(tip), 2),
         )
+
+    async def _tip_above(self, position: Position, free: FreePin, caller: Clocked) -> Tip | None:
+        """Look for the tip; return one that is seen free, or else the last one, None if there was none."""
+        seen: Tip | None = None
+        for _ in range(LOOKS_FOR_FREE):
+            tip = (await self.look_white(position, free.model, None, caller)).tip
+            seen = tip if isinstance(tip, Tip) else seen  # a glint may hide it in one picture
+            if seen is not None and free.shows_free(seen):
+                break
+        return seen
 
     async def refuse_metal(self, caller: Clocked) -> None:
         """Raise `Fault` if a needle that was lifted after a press still feels metal; without a sense nothing is asked.
