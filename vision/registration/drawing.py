@@ -193,32 +193,40 @@ def coarser(planes: Planes, factor: int) -> Planes:
 
 def _layer(polygons: Iterable[Polygon]) -> _Layer:
     kept = [polygon for polygon in polygons if len(polygon.points_um) >= 3]
-    boxes = [(*polygon.points_um.min(axis=0), *polygon.points_um.max(axis=0)) for polygon in kept]
+    if not kept:
+        return _Layer((), (), np.empty(0, dtype=bool), np.empty((0, 4)))
     points = tuple(np.asarray(polygon.points_um, dtype=np.float64) for polygon in kept)
-    return _Layer(
-        points,
-        tuple(_inward(corners) for corners in points),
-        np.array([polygon.dark for polygon in kept], dtype=bool),
-        np.array(boxes, dtype=np.float64).reshape(-1, 4),
-    )
+    counts = np.array([len(corners) for corners in points])
+    starts = np.cumsum(counts) - counts
+    # All polygons at once: there are thousands, most of a few points.
+    joined = np.concatenate(points)
+    inward = _inward(joined, starts, counts)
+    boxes = np.hstack((np.minimum.reduceat(joined, starts), np.maximum.reduceat(joined, starts)))
+    dark = np.array([polygon.dark for polygon in kept], dtype=bool)
+    return _Layer(points, tuple(inward[i : i + n] for i, n in zip(starts, counts, strict=True)), dark, boxes)
 
 
-def _inward(points: Points) -> Points:
+def _inward(points: Points, starts: NDArray[np.intp], counts: NDArray[np.intp]) -> Points:
     """Return what to add to the points (N, 2), in texels, so that filling with the border painted is true to size.
 
-    `fillPoly` also paints the texels that the border passes: about half a texel, measured along the nearer axis.
+    starts, counts: of the polygons, one after the other. `fillPoly` also paints the texels that the border passes:
+    about half a texel, measured along the nearer axis.
     """
-    along = np.roll(points, -1, axis=0) - points
+    after, before = np.arange(1, len(points) + 1), np.arange(-1, len(points) - 1)
+    ends = starts + counts - 1
+    after[ends], before[starts] = starts, ends
+    along = points[after] - points
     length = np.hypot(along[:, 0], along[:, 1])
-    along = along / np.where(length > 0.0, length, 1.0)[:, None]
-    x, y = points[:, 0] - points[0, 0], points[:, 1] - points[0, 1]
-    area = float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
-    normal = np.column_stack((-along[:, 1], along[:, 0])) * (1.0 if area > 0.0 else -1.0)
-    before = np.roll(normal, 1, axis=0)
+    along /= np.where(length > 0.0, length, 1.0)[:, None]
+    x, y = (points - np.repeat(points[starts], counts, axis=0)).T
+    area = np.add.reduceat(x * y[after] - x[after] * y, starts)
+    sense = np.repeat(np.where(area > 0.0, 1.0, -1.0), counts)
+    normal = np.column_stack((-along[:, 1], along[:, 0])) * sense[:, None]
+    previous = normal[before]
     # Both edges that meet in a point move by as much: a miter, of limited length.
-    inner = np.maximum(1.0 + np.sum(normal * before, axis=1), 0.4)
-    miter = (normal + before) / inner[:, None]
-    return np.asarray(0.5 * miter * np.maximum(np.abs(normal), np.abs(before)).max(axis=1)[:, None])
+    inner = np.maximum(1.0 + np.sum(normal * previous, axis=1), 0.4)
+    miter = (normal + previous) / inner[:, None]
+    return np.asarray(0.5 * miter * np.maximum(np.abs(normal), np.abs(previous)).max(axis=1)[:, None])
 
 
 def _fill(bits: Labels, layer: _Layer, bit: int, corner_um: tuple[float, float], texel_um: float) -> None:

@@ -110,3 +110,21 @@ def test_solder_is_seen_on_bare_metal_alone() -> None:
     assert at(150, 0) == Material.SOLDER
     assert at(230, 0) == Material.LAMINATE  # in the opening, but no metal to be soldered
     assert at(400, 0) == Material.MASK
+
+
+def test_polygons_are_indexed_together_as_each_would_be_alone() -> None:
+    shapes = [box(0, 0, 900, 500), circle(3000.0, 0.0, 700.0), box(2000, 1000, 40, 40)[::-1], box(0, 0, 900, 500)[:3]]
+    twice = np.repeat(shapes[0], 2, axis=0)
+    polygons = [Polygon(points, dark=k != 2) for k, points in enumerate([*shapes, twice])]
+    line = Polygon(box(0, 0, 100, 100)[:2])
+    joined = index_side(side(copper=(*polygons, line))).copper
+    assert joined.dark.tolist() == [True, True, False, True, True]
+    for k, polygon in enumerate(polygons):
+        alone = index_side(side(copper=(polygon,))).copper
+        assert np.array_equal(joined.points[k], polygon.points_um)
+        assert np.array_equal(joined.inward[k], alone.inward[0])
+        assert np.array_equal(joined.boxes[k], alone.boxes[0])
+    clockwise, square = joined.inward[2], joined.points[2]
+    middle = square.mean(axis=0)
+    assert (np.sum(clockwise * (middle - square), axis=1) > 0.0).all()
+    assert len(index_side(side()).copper.boxes) == 0

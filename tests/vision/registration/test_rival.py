@@ -118,10 +118,10 @@ def _partly_alike() -> SideLayers:
 
 def test_places_are_those_that_trials_of_every_rival_give(monkeypatch: pytest.MonkeyPatch) -> None:
     sides = _assembled(), _partly_alike()
-    monkeypatch.setattr(unique, "MOST_TRIED", 6)
-    lazy = unique_places(*sides, count=9, apart_um=9000.0)
+    monkeypatch.setattr(unique, "MOST_TRIED", 4)
+    lazy = unique_places(*sides, count=6, apart_um=12_000.0)
     once = [place.rival_score <= unique.UNIQUE_SCORE for place in lazy]
-    assert len(lazy) == 9
+    assert len(lazy) == 6
     assert any(once)
     assert not all(once)
 
@@ -131,4 +131,4 @@ def test_places_are_those_that_trials_of_every_rival_give(monkeypatch: pytest.Mo
             return self.nearness <= nearness
 
     monkeypatch.setattr(unique, "Trial", Exhaustive)
-    assert unique_places(*sides, count=9, apart_um=9000.0) == lazy
+    assert unique_places(*sides, count=6, apart_um=12_000.0) == lazy
