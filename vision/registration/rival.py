@@ -21,7 +21,7 @@ from vision.registration.drawing import Grid, Material
 from vision.registration.edges import LEAST_CONFIRMED, LEAST_NEAR, LEAST_SOLDERED, judge_edges
 from vision.registration.fine import BARE, SOLDERED
 from vision.registration.rectify import Picture, Pose
-from vision.registration.reference import usual_picture
+from vision.registration.reference import usual_picture, usual_picture_of
 from vision.registration.refine import Fit, Problem, refine
 from vision.registration.register import (
     LEAST_AGREEMENT,
@@ -112,10 +112,27 @@ class Searched:
     @cached_property
     def _picture(self) -> Picture:
         """The usual look in the cells of the wide check; what nobody knows is hidden."""
-        grey = np.asarray(np.round(GREY_MASK + GREY_STEP * usual_picture(self.whole.wide)), dtype=np.uint8)
-        covered = (self.whole.wide.cover[Material.UNKNOWN] > 0.5).astype(np.uint8)
+        grey = np.asarray(np.round(GREY_MASK + GREY_STEP * usual_picture_of(self.whole.wide)), dtype=np.uint8)
+        covered = (self.whole.wide.plane(Material.UNKNOWN) > 0.5).astype(np.uint8)
         contours, _ = cv2.findContours(covered, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-        return Picture.of(grey, np.eye(3), [contour[:, 0, :] for contour in contours])
+        return Picture.of(grey, np.eye(3), [contour[:, 0, :].astype(np.float64) for contour in contours])
+
+
+class _Drawn:
+    """CAD about a place on trial."""
+
+    def __init__(self, place_um: tuple[float, float], whole: Whole) -> None:
+        self._place_um, self._whole = place_um, whole
+
+    @cached_property
+    def sheet(self) -> Sheet:
+        """What a look compares with."""
+        return make_sheet(self._whole.wide.around(*self._place_um, 1.2 * wide.WIDE_UM))
+
+    @cached_property
+    def broad(self) -> Sheet:
+        """The same as far as places are compared in pairs."""
+        return make_sheet(self._whole.wide.around(*self._place_um, wide.WIDE_UM + PAIRS_UM))
 
 
 class Trial:
@@ -135,34 +152,28 @@ class Trial:
 
     def stays_within(self, nearness: float) -> bool:
         """Say whether no rival comes nearer than this; the first that does is the last that is tried."""
+        # Not kept from one time to the next: dozens of places may be on trial, and sheets take some 10 MB each.
+        drawn = _Drawn(self._place_um, self._sides[0].whole)
         while self.nearness <= nearness and not self.ended:
-            self._try_next()
+            self._try_next(drawn)
         return self.nearness <= nearness
 
-    def _try_next(self) -> None:
+    def _try_next(self, drawn: _Drawn) -> None:
         rival = next(self._rivals, None)
         if rival is None:
             self.ended = True
             return
-        taken = self._take(*rival)
+        taken = self._take(drawn, *rival)
         if taken is not None and taken.nearness(self._least_agreement) > self.nearness:
             self.nearness, self.nearest = taken.nearness(self._least_agreement), taken
 
-    @cached_property
-    def _sheet(self) -> Sheet:
-        return make_sheet(self._sides[0].whole.wide.around(*self._place_um, 1.2 * wide.WIDE_UM))
-
-    @cached_property
-    def _broad(self) -> Sheet:
-        return make_sheet(self._sides[0].whole.wide.around(*self._place_um, wide.WIDE_UM + PAIRS_UM))
-
-    def _take(self, number: int, place: Place) -> Taken | None:
+    def _take(self, drawn: _Drawn, number: int, place: Place) -> Taken | None:
         """Register CAD of the place in the picture that another one makes, and judge it as a look would.
 
         None where the other is the place itself, or every look compares the two and tells the place itself; and where
         it comes no nearer than another did: its edges are not asked then.
         """
-        sheet, place_um = self._sheet, self._place_um
+        sheet, place_um = drawn.sheet, self._place_um
         picture = self._sides[number].picture(place, place_um)
         fit = refine(Problem(sheet, picture, 1.0, _STEPS), Pose(about_um=place_um))
         if fit is None:
@@ -175,19 +186,19 @@ class Trial:
                         soldered=True, assembled=assembled)  # fmt: skip
         if at_best.nearness(self._least_agreement) <= self.nearness:
             return None
-        if number == 0 and place.quarters == 0 and self._told_apart(place, shown, view):
+        if number == 0 and place.quarters == 0 and self._told_apart(drawn, place, shown, view):
             return None
         edges = _edges(sheet, picture, fit, place_um)
         return replace(at_best, confirmed=edges.confirmed, soldered=edges.soldered)
 
-    def _told_apart(self, place: Place, shown: wide.Shown, view: wide.View) -> bool:
+    def _told_apart(self, drawn: _Drawn, place: Place, shown: wide.Shown, view: wide.View) -> bool:
         """Whether a place unturned, on the same side, is the one itself, or is compared with it and found out."""
         x_um, y_um = self._place_um
         itself = Pose(x_um - place.x_um, y_um - place.y_um, 0.0, self._place_um)
         off_um = math.hypot(itself.x_um - view.pose.x_um, itself.y_um - view.pose.y_um)
         if off_um < ITSELF_UM or off_um > PAIRS_UM:
             return off_um < ITSELF_UM
-        true = wide.draw_view(self._broad, shown, itself, view.levels)
+        true = wide.draw_view(drawn.broad, shown, itself, view.levels)
         return wide.log_odds(true, view, shown) > TOLD_APART
 
 

@@ -3,7 +3,8 @@ import pytest
 
 from tests.vision.registration.drawn import box, circle
 from vision.registration import Hole, LayerShifts, Polygon, SideLayers, index_side
-from vision.registration.drawing import Material, average, draw_labels
+from vision.registration.drawing import Material, Planes, average, average_packed, coarser, draw_labels
+from vision.registration.reference import usual_picture, usual_picture_of
 
 ALL = Polygon(box(0.0, 0.0, 20_000.0, 20_000.0))
 
@@ -128,3 +129,20 @@ def test_polygons_are_indexed_together_as_each_would_be_alone() -> None:
     middle = square.mean(axis=0)
     assert (np.sum(clockwise * (middle - square), axis=1) > 0.0).all()
     assert len(index_side(side()).copper.boxes) == 0
+
+
+def test_packed_planes_say_what_planes_do_and_more_than_one_band_of_rows_is_drawn() -> None:
+    layers = side(copper=(Polygon(circle(300.0, 9000.0, 7000.0)),), openings=(Polygon(circle(500.0, 9000.0, 6000.0)),))
+    labels = draw_labels(index_side(layers), (-4000.0, 0.0), 40.0, 450, LayerShifts())
+    plain, packed = (draw(labels, (-4000.0, 0.0), 40.0, 3) for draw in (average, average_packed))
+    for material in Material:
+        share = (labels == material).reshape(150, 3, 150, 3).mean(axis=(1, 3))
+        assert plain.cover[material] == pytest.approx(share, abs=0.5 / 255)
+        assert np.array_equal(packed.plane(material), plain.cover[material])
+    one, other = (planes.around(200.0, 8000.0, 3000.0) for planes in (plain, packed))
+    assert np.array_equal(one.cover, other.cover)
+    assert one.grid.origin_um == other.grid.origin_um
+    assert usual_picture_of(packed) == pytest.approx(usual_picture(plain), abs=1e-6)
+    half = coarser(packed, 2)
+    assert isinstance(half, Planes)
+    assert half.cover == pytest.approx(plain.cover.reshape(9, 75, 2, 75, 2).mean(axis=(2, 4)), abs=1e-6)
