@@ -22,6 +22,8 @@ Points = NDArray[np.float64]
 _COPPER, _OPEN, _INK, _HOLE, _CAPPED, _BOARD, _UNKNOWN, _SOLDERED = 1, 2, 4, 8, 16, 32, 64, 128
 _FRACTION_BITS = 4
 _HOLE_POINTS = 32
+_BAND_ROWS = 64
+"""Rows of cells that are averaged at once: a large board's texels are many times the cache."""
 _EVERYWHERE = np.array([[-1e7, -1e7], [1e7, -1e7], [1e7, 1e7], [-1e7, 1e7]])
 
 
@@ -82,13 +84,38 @@ class Planes:
 
     def around(self, x_um: float, y_um: float, half_um: float) -> Planes:
         """Return the cells within `half_um` of a place, clipped to what there is; an even number where possible."""
-        grid = self.grid
-        half = round(half_um / grid.cell_um)
-        column = round((x_um - grid.origin_um[0]) / grid.cell_um + 0.5)
-        row = round((y_um - grid.origin_um[1]) / grid.cell_um + 0.5)
-        rows = slice(max(0, row - half), min(grid.rows, row + half))
-        columns = slice(max(0, column - half), min(grid.columns, column + half))
-        return Planes(grid.part(rows, columns), self.cover[:, rows, columns])
+        rows, columns = _around(self.grid, x_um, y_um, half_um)
+        return Planes(self.grid.part(rows, columns), self.cover[:, rows, columns])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PackedPlanes:
+    """The same in a quarter of the memory: `shares` (materials, rows, columns) uint8, of 255."""
+
+    grid: Grid
+    shares: NDArray[np.uint8]
+
+    def around(self, x_um: float, y_um: float, half_um: float) -> Planes:
+        """Return the cells within `half_um` of a place, as `Planes.around` does."""
+        rows, columns = _around(self.grid, x_um, y_um, half_um)
+        return Planes(self.grid.part(rows, columns), _unpacked(self.shares[:, rows, columns]))
+
+    def plane(self, material: Material) -> NDArray[np.float32]:
+        """Return the share 0..1 of a material in each cell."""
+        return _unpacked(self.shares[material])
+
+
+def _unpacked(shares: NDArray[np.uint8]) -> NDArray[np.float32]:
+    return shares.astype(np.float32) * np.float32(1.0 / 255.0)
+
+
+def _around(grid: Grid, x_um: float, y_um: float, half_um: float) -> tuple[slice, slice]:
+    """Return rows and columns within `half_um` of a place, clipped; an even number where possible."""
+    half = round(half_um / grid.cell_um)
+    column = round((x_um - grid.origin_um[0]) / grid.cell_um + 0.5)
+    row = round((y_um - grid.origin_um[1]) / grid.cell_um + 0.5)
+    rows = slice(max(0, row - half), min(grid.rows, row + half))
+    return rows, slice(max(0, column - half), min(grid.columns, column + half))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -166,59 +193,78 @@ def draw_labels(
         (_SOLDERED, side.soldered, nowhere),
     ):
         _fill(bits, layer, bit, (corner_um[0] - shift_um[0], corner_um[1] - shift_um[1]), texel_um)
-    return np.asarray(cv2.LUT(bits, _MATERIAL_OF_BITS), dtype=np.uint8)
+    return np.asarray(cv2.LUT(bits, _MATERIAL_OF_BITS, dst=bits), dtype=np.uint8)
 
 
 def average(labels: Labels, corner_um: tuple[float, float], texel_um: float, factor: int) -> Planes:
     """Return the shares of the materials in cells of `factor` x `factor` texels."""
+    packed = average_packed(labels, corner_um, texel_um, factor)
+    return Planes(packed.grid, _unpacked(packed.shares))
+
+
+def average_packed(labels: Labels, corner_um: tuple[float, float], texel_um: float, factor: int) -> PackedPlanes:
+    """Return the same, packed."""
     rows, columns = labels.shape[0] // factor, labels.shape[1] // factor
-    cover = np.zeros((len(Material), rows, columns), dtype=np.float32)
-    for material in np.flatnonzero(np.bincount(labels.ravel(), minlength=len(Material))):
-        alone = cv2.inRange(labels, int(material), int(material))
-        cover[material] = cv2.resize(alone, (columns, rows), interpolation=cv2.INTER_AREA)
-    cover *= np.float32(1.0 / 255.0)
+    shares = np.zeros((len(Material), rows, columns), dtype=np.uint8)
+    for first in range(0, rows, _BAND_ROWS):
+        last = min(first + _BAND_ROWS, rows)
+        band = labels[first * factor : last * factor]
+        for material in Material:
+            alone = cv2.inRange(band, int(material), int(material))
+            if cv2.countNonZero(alone):
+                shares[material, first:last] = cv2.resize(alone, (columns, last - first), interpolation=cv2.INTER_AREA)
     cell_um = texel_um * factor
-    return Planes(Grid((corner_um[0] + cell_um / 2, corner_um[1] + cell_um / 2), cell_um, rows, columns), cover)
+    return PackedPlanes(Grid((corner_um[0] + cell_um / 2, corner_um[1] + cell_um / 2), cell_um, rows, columns), shares)
 
 
-def coarser(planes: Planes, factor: int) -> Planes:
+def coarser(planes: PackedPlanes, factor: int) -> Planes:
     """Return planes of cells `factor` times as wide."""
     grid = planes.grid
     rows, columns = grid.rows // factor, grid.columns // factor
-    cover = np.stack([cv2.resize(plane, (columns, rows), interpolation=cv2.INTER_AREA) for plane in planes.cover])
+    cover = np.zeros((len(Material), rows, columns), dtype=np.float32)
+    for material in Material:
+        cover[material] = cv2.resize(planes.plane(material), (columns, rows), interpolation=cv2.INTER_AREA)
     aside = grid.cell_um * (factor - 1) / 2
     origin = (grid.origin_um[0] + aside, grid.origin_um[1] + aside)
-    return Planes(Grid(origin, grid.cell_um * factor, rows, columns), cover.astype(np.float32))
+    return Planes(Grid(origin, grid.cell_um * factor, rows, columns), cover)
 
 
 def _layer(polygons: Iterable[Polygon]) -> _Layer:
     kept = [polygon for polygon in polygons if len(polygon.points_um) >= 3]
-    boxes = [(*polygon.points_um.min(axis=0), *polygon.points_um.max(axis=0)) for polygon in kept]
+    if not kept:
+        return _Layer((), (), np.empty(0, dtype=bool), np.empty((0, 4)))
     points = tuple(np.asarray(polygon.points_um, dtype=np.float64) for polygon in kept)
-    return _Layer(
-        points,
-        tuple(_inward(corners) for corners in points),
-        np.array([polygon.dark for polygon in kept], dtype=bool),
-        np.array(boxes, dtype=np.float64).reshape(-1, 4),
-    )
+    counts = np.array([len(corners) for corners in points])
+    starts = np.cumsum(counts) - counts
+    # All polygons at once: there are thousands, most of a few points.
+    joined = np.concatenate(points)
+    inward = _inward(joined, starts, counts)
+    boxes = np.hstack((np.minimum.reduceat(joined, starts), np.maximum.reduceat(joined, starts)))
+    dark = np.array([polygon.dark for polygon in kept], dtype=bool)
+    return _Layer(points, tuple(inward[i : i + n] for i, n in zip(starts, counts, strict=True)), dark, boxes)
 
 
-def _inward(points: Points) -> Points:
+def _inward(points: Points, starts: NDArray[np.intp], counts: NDArray[np.intp]) -> Points:
     """Return what to add to the points (N, 2), in texels, so that filling with the border painted is true to size.
 
-    `fillPoly` also paints the texels that the border passes: about half a texel, measured along the nearer axis.
+    starts, counts: of the polygons, one after the other. `fillPoly` also paints the texels that the border passes:
+    about half a texel, measured along the nearer axis.
     """
-    along = np.roll(points, -1, axis=0) - points
+    after, before = np.arange(1, len(points) + 1), np.arange(-1, len(points) - 1)
+    ends = starts + counts - 1
+    after[ends], before[starts] = starts, ends
+    along = points[after] - points
     length = np.hypot(along[:, 0], along[:, 1])
-    along = along / np.where(length > 0.0, length, 1.0)[:, None]
-    x, y = points[:, 0] - points[0, 0], points[:, 1] - points[0, 1]
-    area = float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
-    normal = np.column_stack((-along[:, 1], along[:, 0])) * (1.0 if area > 0.0 else -1.0)
-    before = np.roll(normal, 1, axis=0)
+    along /= np.where(length > 0.0, length, 1.0)[:, None]
+    x, y = (points - np.repeat(points[starts], counts, axis=0)).T
+    area = np.add.reduceat(x * y[after] - x[after] * y, starts)
+    sense = np.repeat(np.where(area > 0.0, 1.0, -1.0), counts)
+    normal = np.column_stack((-along[:, 1], along[:, 0])) * sense[:, None]
+    previous = normal[before]
     # Both edges that meet in a point move by as much: a miter, of limited length.
-    inner = np.maximum(1.0 + np.sum(normal * before, axis=1), 0.4)
-    miter = (normal + before) / inner[:, None]
-    return np.asarray(0.5 * miter * np.maximum(np.abs(normal), np.abs(before)).max(axis=1)[:, None])
+    inner = np.maximum(1.0 + np.sum(normal * previous, axis=1), 0.4)
+    miter = (normal + previous) / inner[:, None]
+    return np.asarray(0.5 * miter * np.maximum(np.abs(normal), np.abs(previous)).max(axis=1)[:, None])
 
 
 def _fill(bits: Labels, layer: _Layer, bit: int, corner_um: tuple[float, float], texel_um: float) -> None:

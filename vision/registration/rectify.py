@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -81,12 +81,20 @@ class Picture:
     hidden_px: tuple[NDArray[np.float64], ...]
     _reduced: dict[int, Gray] = field(default_factory=dict)
     _parts: dict[int, _Part] = field(default_factory=dict)
+    _clear: dict[int, Gray] | None = None
+    """What is seen of the whole, where several maps share it."""
 
     @classmethod
     def of(cls, plane: Gray, board_to_px: Matrix, hidden_px: Sequence[NDArray[np.float64]]) -> Picture:
         """Take a picture; polygons (N, 2), px, and a margin about them are hidden."""
         polygons = tuple(np.asarray(p, dtype=np.float64).reshape(-1, 2) for p in hidden_px if len(p))
         return cls(plane, np.asarray(board_to_px, dtype=np.float64), polygons)
+
+    def under(self, board_to_px: Matrix) -> Picture:
+        """Return the same picture by another map; what is reduced and what is hidden is worked out once for all."""
+        if self._clear is None:
+            self._clear = {}
+        return replace(self, board_to_px=np.asarray(board_to_px, dtype=np.float64), _parts={})
 
     def um_per_px(self, x_um: float, y_um: float) -> float:
         """Return the size of a pixel on the board at a place (the root of its area)."""
@@ -126,9 +134,19 @@ class Picture:
         left, top = min(max(0, box[0] - _SPARE_PX), width - 1), min(max(0, box[1] - _SPARE_PX), height - 1)
         right, bottom = max(left + 1, min(width, box[2] + _SPARE_PX)), max(top + 1, min(height, box[3] + _SPARE_PX))
         levels = whole[top:bottom, left:right].astype(np.float32)
-        part = _Part(left, top, levels, self._seen(factor, (left, top), levels.shape))
+        if self._clear is None:
+            seen = self._seen(factor, (left, top), levels.shape)
+        else:
+            seen = self._seen_of_whole(factor)[top:bottom, left:right]
+        part = _Part(left, top, levels, seen)
         self._parts[factor] = part
         return part
+
+    def _seen_of_whole(self, factor: int) -> Gray:
+        kept = {} if self._clear is None else self._clear
+        if factor not in kept:
+            kept[factor] = self._seen(factor, (0, 0), self._whole(factor).shape)
+        return kept[factor]
 
     def _whole(self, factor: int) -> Gray:
         """Return the whole picture reduced; half the next finer one's size."""

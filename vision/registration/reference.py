@@ -13,7 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision.core import parabola
-from vision.registration.drawing import IndexedSide, LayerShifts, Material, Planes, average, draw_labels, index_side
+from vision.registration.drawing import (
+    IndexedSide,
+    LayerShifts,
+    Material,
+    PackedPlanes,
+    Planes,
+    average,
+    draw_labels,
+    index_side,
+)
 from vision.registration.layers import SideLayers
 from vision.registration.sheet import Sheet, make_sheet
 from vision.registration.spectra import Spectra, transform
@@ -86,6 +95,15 @@ USUAL_LEVEL[Material.OFF_BOARD] = -0.1
 def usual_picture(planes: Planes) -> NDArray[np.float32]:
     """Return the usual look of CAD, (rows, columns): 0 mask, 1 metal."""
     return np.asarray(np.tensordot(USUAL_LEVEL, planes.cover, axes=1), dtype=np.float32)
+
+
+def usual_picture_of(planes: PackedPlanes) -> NDArray[np.float32]:
+    """Return the same of packed planes."""
+    look = np.zeros(planes.shares.shape[1:], dtype=np.float32)
+    for material in Material:
+        if USUAL_LEVEL[material]:
+            look += USUAL_LEVEL[material] * planes.plane(material)
+    return look
 
 
 def find_aliases(planes: Planes, about_um: tuple[float, float]) -> NDArray[np.float64]:

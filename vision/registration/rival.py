@@ -8,21 +8,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.core import Gray
 from vision.registration import spectra, wide
 from vision.registration.answer import Edges
 from vision.registration.drawing import Grid, Material
 from vision.registration.edges import LEAST_CONFIRMED, LEAST_NEAR, LEAST_SOLDERED, judge_edges
 from vision.registration.fine import BARE, SOLDERED
 from vision.registration.rectify import Picture, Pose
-from vision.registration.reference import usual_picture
+from vision.registration.reference import usual_picture, usual_picture_of
 from vision.registration.refine import Fit, Problem, refine
 from vision.registration.register import (
     LEAST_AGREEMENT,
@@ -33,6 +32,7 @@ from vision.registration.register import (
     SURE_EDGES,
 )
 from vision.registration.sheet import Sheet, make_sheet
+from vision.registration.spectra import Spectra
 from vision.registration.whole import Place, Whole, find_in
 
 GREY_MASK, GREY_STEP = 60.0, 120.0
@@ -89,52 +89,129 @@ class Searched:
 
     def __init__(self, whole: Whole) -> None:
         self.whole = whole
-        self._spectra: dict[int, spectra.Spectra] = {}
 
-    def spectra(self, cells: int) -> spectra.Spectra:
+    def spectra(self, cells: int) -> Spectra:
         """Return spectra of the whole side, for windows as wide."""
-        if cells not in self._spectra:
-            self._spectra[cells] = spectra.transform_all(self.whole.search, cells)
-        return self._spectra[cells]
+        return spectra.for_window(self._spectra, cells)
+
+    @cached_property
+    def _spectra(self) -> Spectra:
+        return spectra.transform_all(self.whole.search, 1)
 
     @cached_property
     def look(self) -> NDArray[np.float32]:
         """The usual look in the cells of the search."""
         return usual_picture(self.whole.search)
 
-    @cached_property
-    def grey(self) -> Gray:
-        """The usual look in the cells of the wide check, as a picture."""
-        return np.asarray(np.round(GREY_MASK + GREY_STEP * usual_picture(self.whole.wide)), dtype=np.uint8)
+    def picture(self, place: Place, about_um: tuple[float, float]) -> Picture:
+        """Return the picture in which a place of this side, turned, lies where another one is looked for."""
+        turn = 90.0 * place.quarters
+        lies = Pose(about_um[0] - place.x_um, about_um[1] - place.y_um, turn, (place.x_um, place.y_um))
+        return self._picture.under(np.linalg.inv(self.whole.wide.grid.to_um) @ np.linalg.inv(lies.matrix))
 
     @cached_property
-    def unknown(self) -> tuple[NDArray[np.float64], ...]:
-        """Outlines of what nobody knows, in those cells."""
-        covered = (self.whole.wide.cover[Material.UNKNOWN] > 0.5).astype(np.uint8)
+    def _picture(self) -> Picture:
+        """The usual look in the cells of the wide check; what nobody knows is hidden."""
+        grey = np.asarray(np.round(GREY_MASK + GREY_STEP * usual_picture_of(self.whole.wide)), dtype=np.uint8)
+        covered = (self.whole.wide.plane(Material.UNKNOWN) > 0.5).astype(np.uint8)
         contours, _ = cv2.findContours(covered, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-        return tuple(contour[:, 0, :].astype(np.float64) for contour in contours)
+        return Picture.of(grey, np.eye(3), [contour[:, 0, :].astype(np.float64) for contour in contours])
 
 
-def takings(place_um: tuple[float, float], sides: Sequence[Searched]) -> Iterator[Taken]:
-    """Yield how a look at a place of the first side would judge the likest places of all sides, turned by quarters."""
-    here = sides[0].whole
-    sheet = make_sheet(here.wide.around(*place_um, 1.2 * wide.WIDE_UM))
-    for number, side in enumerate(sides):
-        for place in likest(place_um, sides[0], side):
-            taken = _take(sheet, place_um, side, place, number)
-            if taken is not None:
-                yield taken
+class _Drawn:
+    """CAD about a place on trial."""
+
+    def __init__(self, place_um: tuple[float, float], whole: Whole) -> None:
+        self._place_um, self._whole = place_um, whole
+
+    @cached_property
+    def sheet(self) -> Sheet:
+        """What a look compares with."""
+        return make_sheet(self._whole.wide.around(*self._place_um, 1.2 * wide.WIDE_UM))
+
+    @cached_property
+    def broad(self) -> Sheet:
+        """The same as far as places are compared in pairs."""
+        return make_sheet(self._whole.wide.around(*self._place_um, wide.WIDE_UM + PAIRS_UM))
 
 
-def likest(place_um: tuple[float, float], here: Searched, side: Searched) -> list[Place]:
-    """Return the places of a side, turned by quarters, that look most like one of `here`: all about it, or near it."""
+class Trial:
+    """A place on trial: the likest places of all sides, turned by quarters, are tried one by one, as far as is asked.
+
+    nearness: of what came nearest to being taken for it so far; it only grows. nearest: that, None of none yet.
+    ended: all were tried.
+    """
+
+    def __init__(self, place_um: tuple[float, float], sides: Sequence[Searched], least_agreement: float) -> None:
+        self._place_um, self._sides, self._least_agreement = place_um, sides, least_agreement
+        self._rivals = ((number, place) for number, side in enumerate(sides)
+                        for place in likest(place_um, sides[0], side))  # fmt: skip
+        self.nearness = 0.0
+        self.nearest: Taken | None = None
+        self.ended = False
+
+    def stays_within(self, nearness: float) -> bool:
+        """Say whether no rival comes nearer than this; the first that does is the last that is tried."""
+        # Not kept from one time to the next: dozens of places may be on trial, and sheets take some 10 MB each.
+        drawn = _Drawn(self._place_um, self._sides[0].whole)
+        while self.nearness <= nearness and not self.ended:
+            self._try_next(drawn)
+        return self.nearness <= nearness
+
+    def _try_next(self, drawn: _Drawn) -> None:
+        rival = next(self._rivals, None)
+        if rival is None:
+            self.ended = True
+            return
+        taken = self._take(drawn, *rival)
+        if taken is not None and taken.nearness(self._least_agreement) > self.nearness:
+            self.nearness, self.nearest = taken.nearness(self._least_agreement), taken
+
+    def _take(self, drawn: _Drawn, number: int, place: Place) -> Taken | None:
+        """Register CAD of the place in the picture that another one makes, and judge it as a look would.
+
+        None where the other is the place itself, or every look compares the two and tells the place itself; and where
+        it comes no nearer than another did: its edges are not asked then.
+        """
+        sheet, place_um = drawn.sheet, self._place_um
+        picture = self._sides[number].picture(place, place_um)
+        fit = refine(Problem(sheet, picture, 1.0, _STEPS), Pose(about_um=place_um))
+        if fit is None:
+            return None
+        shown = wide.look(picture, place_um, sheet.planes.grid.cell_um, 1.0)
+        view = wide.draw_view(sheet, shown, fit.pose, wide.wide_levels(sheet, shown, fit.pose, fit.levels))
+        agrees = wide.agreement(sheet, shown, view)
+        assembled = bool(sheet.planes.cover[Material.UNKNOWN].any())
+        at_best = Taken(number, place.quarters, place.x_um, place.y_um, agrees.all, agrees.metal, confirmed=1.0,
+                        soldered=True, assembled=assembled)  # fmt: skip
+        if at_best.nearness(self._least_agreement) <= self.nearness:
+            return None
+        if number == 0 and place.quarters == 0 and self._told_apart(drawn, place, shown, view):
+            return None
+        edges = _edges(sheet, picture, fit, place_um)
+        return replace(at_best, confirmed=edges.confirmed, soldered=edges.soldered)
+
+    def _told_apart(self, drawn: _Drawn, place: Place, shown: wide.Shown, view: wide.View) -> bool:
+        """Whether a place unturned, on the same side, is the one itself, or is compared with it and found out."""
+        x_um, y_um = self._place_um
+        itself = Pose(x_um - place.x_um, y_um - place.y_um, 0.0, self._place_um)
+        off_um = math.hypot(itself.x_um - view.pose.x_um, itself.y_um - view.pose.y_um)
+        if off_um < ITSELF_UM or off_um > PAIRS_UM:
+            return off_um < ITSELF_UM
+        true = wide.draw_view(drawn.broad, shown, itself, view.levels)
+        return wide.log_odds(true, view, shown) > TOLD_APART
+
+
+def likest(place_um: tuple[float, float], here: Searched, side: Searched) -> Iterator[Place]:
+    """Yield the places of a side, turned by quarters, that look most like one of `here`: all about it, or near it."""
     cell_um = here.whole.search.grid.cell_um
     found: list[Place] = []
     for half_um, peaks in WINDOWS:
         shown, seen = _on(here, wide.window(place_um, cell_um, half_um))
         more = find_in(side.spectra(shown.shape[0]), side.whole, shown, seen, peaks, APART)
-        found += [place for place in more if not any(_same(place, other, side) for other in found)]
-    return found
+        more = [place for place in more if not any(_same(place, other, side) for other in found)]
+        yield from more
+        found += more
 
 
 def _same(one: Place, other: Place, side: Searched) -> bool:
@@ -151,39 +228,6 @@ def _on(side: Searched, window: Grid) -> tuple[NDArray[np.float32], NDArray[np.b
     unknown = side.whole.search.cover[Material.UNKNOWN]
     hidden = cv2.warpAffine(unknown, to_field[:2], size, flags=flags, borderMode=cv2.BORDER_CONSTANT)
     return np.asarray(look, dtype=np.float32), np.asarray(hidden) < 0.5
-
-
-def _take(sheet: Sheet, place_um: tuple[float, float], side: Searched, place: Place, number: int) -> Taken | None:
-    """Register CAD of a place in the picture that another one makes, and judge it; None where it is the place itself.
-
-    Of another that every look compares with it, the place itself is told.
-    """
-    picture = _picture(side, place, place_um)
-    fit = refine(Problem(sheet, picture, 1.0, _STEPS), Pose(about_um=place_um))
-    if fit is None:
-        return None
-    shown = wide.look(picture, place_um, sheet.planes.grid.cell_um, 1.0)
-    view = wide.draw_view(sheet, shown, fit.pose, wide.wide_levels(sheet, shown, fit.pose, fit.levels))
-    if number == 0 and place.quarters == 0 and _told_apart(side, place, place_um, shown, view):
-        return None
-    agrees = wide.agreement(sheet, shown, view)
-    edges = _edges(sheet, picture, fit, place_um)
-    assembled = bool(sheet.planes.cover[Material.UNKNOWN].any())
-    return Taken(number, place.quarters, place.x_um, place.y_um, agrees.all, agrees.metal, edges.confirmed,
-                 edges.soldered, assembled)  # fmt: skip
-
-
-def _told_apart(
-    side: Searched, place: Place, place_um: tuple[float, float], shown: wide.Shown, view: wide.View
-) -> bool:
-    """Whether a place unturned, on the same side, is the one itself, or is compared with it in pairs and found out."""
-    itself = Pose(place_um[0] - place.x_um, place_um[1] - place.y_um, 0.0, place_um)
-    off_um = math.hypot(itself.x_um - view.pose.x_um, itself.y_um - view.pose.y_um)
-    if off_um < ITSELF_UM or off_um > PAIRS_UM:
-        return off_um < ITSELF_UM
-    broad = make_sheet(side.whole.wide.around(*place_um, wide.WIDE_UM + PAIRS_UM))
-    true = wide.draw_view(broad, shown, itself, view.levels)
-    return wide.log_odds(true, view, shown) > TOLD_APART
 
 
 def _edges(sheet: Sheet, picture: Picture, fit: Fit, place_um: tuple[float, float]) -> Edges:
@@ -206,11 +250,3 @@ def _near(grid: Grid, place_um: tuple[float, float]) -> NDArray[np.bool_]:
     x = grid.origin_um[0] + np.arange(grid.columns) * grid.cell_um - place_um[0]
     y = grid.origin_um[1] + np.arange(grid.rows) * grid.cell_um - place_um[1]
     return np.asarray((np.abs(y) < NEAR_UM)[:, None] & (np.abs(x) < NEAR_UM)[None, :])
-
-
-def _picture(side: Searched, place: Place, about_um: tuple[float, float]) -> Picture:
-    """Return the picture in which a place of a side, turned, lies where another one is looked for."""
-    turn = 90.0 * place.quarters
-    lies = Pose(about_um[0] - place.x_um, about_um[1] - place.y_um, turn, (place.x_um, place.y_um))
-    to_px = np.linalg.inv(side.whole.wide.grid.to_um) @ np.linalg.inv(lies.matrix)
-    return Picture.of(side.grey, to_px, side.unknown)

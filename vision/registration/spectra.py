@@ -6,7 +6,7 @@ asks that equal materials look equal, not which is how bright. Unknown cells cou
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -28,13 +28,14 @@ _APART = 5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spectra:
-    """Fourier transforms (materials, size, ...) of the materials' planes.
+    """Fourier transforms (materials, size, ...) of the materials' planes, `known` of all but the unknown together.
 
     window: the cells of the picture as assumed; lags (rows, columns): how many places it is tried at.
     """
 
     materials: tuple[Material, ...]
     planes: NDArray[np.complex64]
+    known: NDArray[np.complex64]
     size: int
     window: Grid
     lags: int
@@ -51,29 +52,37 @@ class Peak:
 
 def transform(planes: Planes, about_um: tuple[float, float]) -> Spectra:
     """Prepare the search about a place: of a small part of the picture, or of a large one where CAD says little."""
-    from scipy import fft  # noqa: PLC0415  # slow to load, see `vision.warm`
-
     cell = planes.grid.cell_um
     known = 1.0 - float(planes.around(*about_um, WINDOW_UM).cover[Material.UNKNOWN].mean())
     window_um = WINDOW_UM if known >= LEAST_KNOWN else LARGE_WINDOW_UM
     reach, half = round(SEARCH_UM / cell), round(window_um / cell)
     field = planes.around(*about_um, (reach + half) * cell)
-    present = tuple(m for m in Material if float(field.cover[m].max()) > 0.0)
-    size = int(fft.next_fast_len(2 * (reach + half), real=True))
-    spectra = fft.rfft2(field.cover[list(present)], s=(size, size))
-    window = planes.around(*about_um, half * cell).grid
-    return Spectra(present, spectra.astype(np.complex64), size, window, 2 * reach + 1)
+    return _transformed(field, 2 * (reach + half), planes.around(*about_um, half * cell).grid, 2 * reach + 1)
 
 
 def transform_all(planes: Planes, window_cells: int) -> Spectra:
     """Prepare the search of a square window all over square planes."""
-    from scipy import fft  # noqa: PLC0415  # as above
-
-    present = tuple(m for m in Material if float(planes.cover[m].max()) > 0.0)
-    size = int(fft.next_fast_len(planes.grid.rows, real=True))
-    spectra = fft.rfft2(planes.cover[list(present)], s=(size, size))
     window = planes.grid.part(slice(0, window_cells), slice(0, window_cells))
-    return Spectra(present, spectra.astype(np.complex64), size, window, planes.grid.rows - window_cells + 1)
+    return _transformed(planes, planes.grid.rows, window, planes.grid.rows - window_cells + 1)
+
+
+def for_window(spectra: Spectra, window_cells: int) -> Spectra:
+    """Return what `transform_all` does for a window of another size, by the transforms that there are."""
+    grid = spectra.window
+    lags = spectra.lags + grid.rows - window_cells
+    return replace(spectra, window=grid.part(slice(0, window_cells), slice(0, window_cells)), lags=lags)
+
+
+def _transformed(field: Planes, cells: int, window: Grid, lags: int) -> Spectra:
+    from scipy import fft  # noqa: PLC0415  # slow to load, see `vision.warm`
+
+    present = tuple(m for m in Material if float(field.cover[m].max()) > 0.0)
+    size = int(fft.next_fast_len(cells, real=True))
+    spectra = np.empty((len(present), size, size // 2 + 1), dtype=np.complex64)
+    for k, material in enumerate(present):
+        spectra[k] = fft.rfft2(field.cover[material], s=(size, size))
+    known = spectra[[k for k, m in enumerate(present) if m is not Material.UNKNOWN]].sum(axis=0)
+    return Spectra(present, spectra, known, size, window, lags)
 
 
 def search(spectra: Spectra, picture: Plane, seen: NDArray[np.bool_], *, metal: bool = True) -> list[Peak]:
@@ -105,41 +114,56 @@ def correlation_ratio(
 
     metal: there is some in view, as about a target; else a place that has none is as likely as any.
     """
-    from scipy import fft  # noqa: PLC0415  # as above
-
     weight = seen.astype(np.float32)
+    count, total, between = (np.zeros((spectra.lags, spectra.lags), dtype=np.float32) for _ in range(3))
     if not weight.any():
-        return np.zeros((spectra.lags, spectra.lags), dtype=np.float32)
+        return count
     level = np.where(seen, picture - np.float32(picture[seen].mean()), np.float32(0.0)).astype(np.float32)
-    given = np.stack([weight, level, level * level])
-    flipped = np.conj(fft.rfft2(given, s=(spectra.size, spectra.size)).astype(np.complex64))
-    known = [k for k, m in enumerate(spectra.materials) if m is not Material.UNKNOWN]
-    planes = spectra.planes[known]
-    counts = _valid(spectra, planes * flipped[0])
-    sums = _valid(spectra, planes * flipped[1])
-    count, total = counts.sum(axis=0), sums.sum(axis=0)
-    if len(known) < len(spectra.materials):
-        squares = _valid(spectra, planes.sum(axis=0) * flipped[2])
+    flipped = _flipped(spectra, np.stack([weight, level, level * level]))
+    bright: dict[Material, tuple[Plane, Plane]] = {}
+    # One material after the other: planes of all of them at once would not stay in the processor's cache.
+    for material, plane in zip(spectra.materials, spectra.planes, strict=True):
+        if material is Material.UNKNOWN:
+            continue
+        counts, sums = _valid(spectra, plane * flipped[0]), _valid(spectra, plane * flipped[1])
+        count += counts
+        total += sums
+        means = np.asarray(sums / np.maximum(counts, 0.5), dtype=np.float32)
+        between += means * sums
+        if material in (Material.METAL, Material.MASK):
+            bright[material] = counts, means
+    if Material.UNKNOWN in spectra.materials:
+        squares = _valid(spectra, spectra.known * flipped[2])
     else:
-        squares = np.full_like(total, float(given[2].sum()))
-    count = np.maximum(count, 1.0)
-    means = sums / np.maximum(counts, 0.5)
-    between = (means * sums).sum(axis=0) - total * total / count
-    whole = squares - total * total / count
-    ratio = between / np.maximum(whole, 1e-3)
+        squares = np.full_like(total, float(np.sum(level * level)))
+    np.maximum(count, 1.0, out=count)
+    shared = total * total / count
+    ratio = (between - shared) / np.maximum(squares - shared, 1e-3)
     # Few known cells say little.
     ratio *= count > 0.25 * weight.size
-    names = [spectra.materials[k] for k in known]
-    if Material.METAL in names and Material.MASK in names:
-        bare, mask = names.index(Material.METAL), names.index(Material.MASK)
-        dark = np.where(counts[bare] < 0.5, metal, means[bare] <= means[mask])
+    if len(bright) == 2:
+        (counts, bare), (_, mask) = bright[Material.METAL], bright[Material.MASK]
+        dark = np.where(counts < 0.5, metal, bare <= mask)
         ratio *= np.where(dark, np.float32(DARK_METAL), np.float32(1.0))
     return np.asarray(ratio, dtype=np.float32)
 
 
-def _valid(spectra: Spectra, product: NDArray[np.complex64]) -> NDArray[np.float32]:
+def _flipped(spectra: Spectra, given: NDArray[np.float32]) -> NDArray[np.complex64]:
+    """Return the transforms of small planes (N, rows, columns) by which fields are correlated with them."""
     from scipy import fft  # noqa: PLC0415  # as above
 
-    lags = spectra.lags
-    whole = fft.irfft2(product, s=(spectra.size, spectra.size))
-    return np.asarray(whole[..., :lags, :lags], dtype=np.float32)
+    # Rows first: below those given there are zeros alone, and nothing is to be transformed.
+    rows = fft.rfft(given, n=spectra.size, axis=2)
+    whole = fft.fft(rows, n=spectra.size, axis=1)
+    return np.asarray(np.conj(whole, out=whole), dtype=np.complex64)
+
+
+def _valid(spectra: Spectra, product: NDArray[np.complex64]) -> NDArray[np.float32]:
+    """Return the correlation (lags, lags) whose transform is given, which is used up."""
+    from scipy import fft  # noqa: PLC0415  # as above
+
+    lags, size = spectra.lags, spectra.size
+    # Only the rows that are wanted are transformed along.
+    rows = fft.ifft(product, axis=0, norm="forward", overwrite_x=True)[:lags]
+    found = fft.irfft(rows, n=size, axis=1, norm="forward")[:, :lags]
+    return np.asarray(found * np.float32(1.0 / size**2), dtype=np.float32)

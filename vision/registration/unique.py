@@ -8,6 +8,7 @@ registration goes about it, and those count as unique whose every rival a look w
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -21,7 +22,7 @@ from vision.registration.layers import SideLayers
 from vision.registration.reference import usual_picture
 from vision.registration.refine import slopes
 from vision.registration.register import LEAST_AGREEMENT, LEAST_ALONE
-from vision.registration.rival import ITSELF_UM, Searched, takings
+from vision.registration.rival import ITSELF_UM, Searched, Trial
 from vision.registration.whole import Whole, draw_whole
 
 WINDOW_UM = 5000.0
@@ -101,7 +102,11 @@ def unique_places(
     guesses = [_guess(place, here, looks, grade) for place, grade in _candidates(here, allowed_um)]
     guesses.sort(key=lambda guess: (guess.grade, guess.alike))
     searched = [Searched(whole) for whole in wholes]
-    return _spread(guesses, lambda guess: _tried(guess, searched), count, apart_um)
+
+    def trial(guess: _Guess) -> Trial:
+        return Trial((guess.x_um, guess.y_um), searched, LEAST_ALONE)
+
+    return _spread(guesses, trial, count, apart_um)
 
 
 def how_unique(place_um: tuple[float, float], here: Whole, other: Whole | None, *, alone: bool = False) -> UniquePlace:
@@ -110,44 +115,51 @@ def how_unique(place_um: tuple[float, float], here: Whole, other: Whole | None, 
     alone: by a look for the board alone, which asks for more than one for a target does.
     """
     searched = [Searched(whole) for whole in (here, other) if whole is not None]
-    return _nearest_rival(place_um, searched, LEAST_ALONE if alone else LEAST_AGREEMENT, contrast=0.0)
+    trial = Trial(place_um, searched, LEAST_ALONE if alone else LEAST_AGREEMENT)
+    trial.stays_within(math.inf)
+    return _told(place_um, trial, contrast=0.0)
 
 
-def _tried(guess: _Guess, sides: list[Searched]) -> UniquePlace:
-    return _nearest_rival((guess.x_um, guess.y_um), sides, LEAST_ALONE, guess.contrast)
-
-
-def _nearest_rival(
-    place_um: tuple[float, float], sides: list[Searched], least_agreement: float, contrast: float
-) -> UniquePlace:
-    best, name, there = 0.0, "", place_um
-    for taken in takings(place_um, sides):
-        near = taken.nearness(least_agreement)
-        if near > best:
-            turned = f" turned {90 * taken.quarters}" if taken.quarters else ""
-            best, name, there = near, SIDES[taken.side] + turned, (taken.x_um, taken.y_um)
-    return UniquePlace(*place_um, best, name, there, contrast)
+def _told(place_um: tuple[float, float], trial: Trial, contrast: float) -> UniquePlace:
+    """Return what a trial has found out so far."""
+    taken = trial.nearest
+    if taken is None:
+        return UniquePlace(*place_um, 0.0, "", place_um, contrast)
+    turned = f" turned {90 * taken.quarters}" if taken.quarters else ""
+    name, there = SIDES[taken.side] + turned, (taken.x_um, taken.y_um)
+    return UniquePlace(*place_um, trial.nearness, name, there, contrast)
 
 
 def _spread(
-    guesses: list[_Guess], tried: Callable[[_Guess], UniquePlace], count: int, apart_um: float
+    guesses: list[_Guess], trial: Callable[[_Guess], Trial], count: int, apart_um: float
 ) -> tuple[UniquePlace, ...]:
     """Return places that are found once and far apart, the best first; others after them where there are too few."""
-    known: dict[int, UniquePlace] = {}
+    trials: dict[int, Trial] = {}
     chosen: list[int] = []
     for grade, share in ORDER:
         for n, guess in enumerate(guesses):
             if guess.grade != grade or len(chosen) == count or not _far(guess, _of(guesses, chosen), share * apart_um):
                 continue
-            if n not in known and sum(guesses[k].grade == grade for k in known) < MOST_TRIED:
-                known[n] = tried(guess)
-            if n in known and known[n].rival_score <= UNIQUE_SCORE:
+            if n not in trials and sum(guesses[k].grade == grade for k in trials) < MOST_TRIED:
+                trials[n] = trial(guess)
+            # Of a place that is not found once, most of its rivals need not be tried.
+            if n in trials and trials[n].stays_within(UNIQUE_SCORE):
                 chosen.append(n)
-    chosen.sort(key=lambda n: (guesses[n].grade, known[n].rival_score))
-    for n in sorted(known, key=lambda n: known[n].rival_score):
-        if len(chosen) < count and _far(guesses[n], _of(guesses, chosen), apart_um / 4):
-            chosen.append(n)
-    return tuple(known[n] for n in chosen)
+    chosen.sort(key=lambda n: (guesses[n].grade, trials[n].nearness))
+    _fill_up(guesses, trials, chosen, count, apart_um / 4)
+    return tuple(_told((guesses[n].x_um, guesses[n].y_um), trials[n], guesses[n].contrast) for n in chosen)
+
+
+def _fill_up(guesses: list[_Guess], trials: dict[int, Trial], chosen: list[int], count: int, apart_um: float) -> None:
+    """Add those of the others whose rivals come least near, no two nearer than told, until there are enough."""
+    others = [n for n in trials if n not in chosen]
+    while len(chosen) < count and (others := [n for n in others if _far(guesses[n], _of(guesses, chosen), apart_um)]):
+        # How near a rival comes is known from below until the trial has ended: whoever leads goes on, or has won.
+        least = min(others, key=lambda n: trials[n].nearness)
+        if trials[least].ended:
+            chosen.append(least)
+        else:
+            trials[least].stays_within(trials[least].nearness)
 
 
 def _of(guesses: list[_Guess], numbers: list[int]) -> list[_Guess]:

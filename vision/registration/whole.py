@@ -13,8 +13,9 @@ from vision.registration import spectra
 from vision.registration.drawing import (
     IndexedSide,
     LayerShifts,
+    PackedPlanes,
     Planes,
-    average,
+    average_packed,
     coarser,
     draw_labels,
     index_side,
@@ -34,7 +35,7 @@ MARGIN_UM = 7000.0
 class Whole:
     """A side and what is round it: `wide` in 96 um cells, `search` in 192 um cells or more; box_um of the outline."""
 
-    wide: Planes
+    wide: PackedPlanes
     search: Planes
     box_um: tuple[float, float, float, float]
 
@@ -59,7 +60,7 @@ def draw_whole(side: IndexedSide | SideLayers) -> Whole:
     texels = int(np.ceil(size / TEXEL_UM / factor / 2) * 2) * factor
     corner = ((x0 + x1 - texels * TEXEL_UM) / 2, (y0 + y1 - texels * TEXEL_UM) / 2)
     labels = draw_labels(indexed, corner, TEXEL_UM, texels, LayerShifts())
-    wide = average(labels, corner, TEXEL_UM, FINE)
+    wide = average_packed(labels, corner, TEXEL_UM, FINE)
     return Whole(wide, coarser(wide, search), indexed.box_um)
 
 

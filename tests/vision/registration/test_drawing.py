@@ -3,7 +3,8 @@ import pytest
 
 from tests.vision.registration.drawn import box, circle
 from vision.registration import Hole, LayerShifts, Polygon, SideLayers, index_side
-from vision.registration.drawing import Material, average, draw_labels
+from vision.registration.drawing import Material, Planes, average, average_packed, coarser, draw_labels
+from vision.registration.reference import usual_picture, usual_picture_of
 
 ALL = Polygon(box(0.0, 0.0, 20_000.0, 20_000.0))
 
@@ -110,3 +111,38 @@ def test_solder_is_seen_on_bare_metal_alone() -> None:
     assert at(150, 0) == Material.SOLDER
     assert at(230, 0) == Material.LAMINATE  # in the opening, but no metal to be soldered
     assert at(400, 0) == Material.MASK
+
+
+def test_polygons_are_indexed_together_as_each_would_be_alone() -> None:
+    shapes = [box(0, 0, 900, 500), circle(3000.0, 0.0, 700.0), box(2000, 1000, 40, 40)[::-1], box(0, 0, 900, 500)[:3]]
+    twice = np.repeat(shapes[0], 2, axis=0)
+    polygons = [Polygon(points, dark=k != 2) for k, points in enumerate([*shapes, twice])]
+    line = Polygon(box(0, 0, 100, 100)[:2])
+    joined = index_side(side(copper=(*polygons, line))).copper
+    assert joined.dark.tolist() == [True, True, False, True, True]
+    for k, polygon in enumerate(polygons):
+        alone = index_side(side(copper=(polygon,))).copper
+        assert np.array_equal(joined.points[k], polygon.points_um)
+        assert np.array_equal(joined.inward[k], alone.inward[0])
+        assert np.array_equal(joined.boxes[k], alone.boxes[0])
+    clockwise, square = joined.inward[2], joined.points[2]
+    middle = square.mean(axis=0)
+    assert (np.sum(clockwise * (middle - square), axis=1) > 0.0).all()
+    assert len(index_side(side()).copper.boxes) == 0
+
+
+def test_packed_planes_say_what_planes_do_and_more_than_one_band_of_rows_is_drawn() -> None:
+    layers = side(copper=(Polygon(circle(300.0, 9000.0, 7000.0)),), openings=(Polygon(circle(500.0, 9000.0, 6000.0)),))
+    labels = draw_labels(index_side(layers), (-4000.0, 0.0), 40.0, 450, LayerShifts())
+    plain, packed = (draw(labels, (-4000.0, 0.0), 40.0, 3) for draw in (average, average_packed))
+    for material in Material:
+        share = (labels == material).reshape(150, 3, 150, 3).mean(axis=(1, 3))
+        assert plain.cover[material] == pytest.approx(share, abs=0.5 / 255)
+        assert np.array_equal(packed.plane(material), plain.cover[material])
+    one, other = (planes.around(200.0, 8000.0, 3000.0) for planes in (plain, packed))
+    assert np.array_equal(one.cover, other.cover)
+    assert one.grid.origin_um == other.grid.origin_um
+    assert usual_picture_of(packed) == pytest.approx(usual_picture(plain), abs=1e-6)
+    half = coarser(packed, 2)
+    assert isinstance(half, Planes)
+    assert half.cover == pytest.approx(plain.cover.reshape(9, 75, 2, 75, 2).mean(axis=(2, 4)), abs=1e-6)
