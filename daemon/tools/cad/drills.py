@@ -6,15 +6,17 @@ first; the copper decides.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 from scipy.spatial import KDTree
 
 from daemon.tools.cad.excellon import DrillFile, DrillFormat, RawHit, Tool
 from daemon.tools.cad.gerber import GerberLayer
-from daemon.tools.cad.model import Drill
+from daemon.tools.cad.model import Drill, Shape
 from daemon.tools.cad.places import Places, likely_shifts, share_met, tree_of
 
 _DIGITS = {
@@ -114,13 +116,24 @@ def _tool_unit_mm(tools: Iterable[Tool], reading: DrillFormat) -> float:
 
 
 def drills_of_gerber(layer: GerberLayer, *, plated: bool | None) -> list[Drill]:
-    """Return the drills of a drill file that is written in Gerber: flashed discs, and slots drawn with a pen."""
-    found = [Drill(*s.round_mm, plated=plated) for s in layer.shapes if s.round_mm and s.dark]
+    """Return the drills of a drill file that is written in Gerber: flashed discs and slots, and what a pen draws."""
+    flashed = [s for s in layer.shapes if s.flashed and s.dark]
+    found = [Drill(*s.round_mm, plated=plated) if s.round_mm else _flashed_slot(s, plated=plated) for s in flashed]
     for path in layer.paths:
         if path.width_mm > _SMALLEST_MM:
             for (ax, ay), (bx, by) in zip(path.points[:-1], path.points[1:], strict=True):
                 found.append(Drill(float(ax), float(ay), path.width_mm, float(bx), float(by), plated=plated))
     return found
+
+
+def _flashed_slot(shape: Shape, *, plated: bool | None) -> Drill:
+    """Return the slot that fills the narrowest box round a flashed shape, however it is turned."""
+    (x, y), (width, height), turn_deg = cv2.minAreaRect(shape.points_mm.astype(np.float32))
+    turn = math.radians(turn_deg if width >= height else turn_deg + 90.0)
+    half = abs(width - height) / 2.0
+    dx, dy = half * math.cos(turn), half * math.sin(turn)
+    ends = (x + dx, y + dy) if half > 1e-3 else (None, None)
+    return Drill(x - dx, y - dy, min(width, height), *ends, plated=plated)
 
 
 def displacement_mm(drills: list[Drill], copper: Copper) -> tuple[float, float] | None:

@@ -30,6 +30,7 @@ from daemon.tools.cad.role_file import ROLE_FILE, RoleFile, write_role_file
 from daemon.tools.cad.roles import Roles, find_roles, named_files
 from daemon.tools.cad.strays import without_strays
 from daemon.tools.cad.told_holes import add_told_holes
+from daemon.tools.cad.unsaid_sides import with_sides
 
 NO_LAYERS: Mapping[str, Path | Sequence[Path]] = MappingProxyType({})
 
@@ -68,7 +69,7 @@ def _put_together(path: Path, folder: CadFolder, roles: Roles, drawn: Layers, *,
     named = find_pins(folder, roles, drawn.copper(), drills)
     metal = Metal(holes, drawn.pads())
     fit = fit_netlist(named.pins, metal, named.source, named.scales)
-    pins = moved(named.pins, fit.shift_mm, fit.scale)
+    pins, unsided = with_sides(moved(named.pins, fit.shift_mm, fit.scale), named.unsaid, metal, named.source)
     panel = panel_of(fit, pins, outline.shapes)
     if copy is not None:
         panel, pins = on_copy(panel, pins, copy, folder.path)
@@ -79,7 +80,8 @@ def _put_together(path: Path, folder: CadFolder, roles: Roles, drawn: Layers, *,
     drills, missing = add_told_holes(drills, pins, named.source)
     told = [outline.note] if outline.note else []
     notes = [
-        *drawn.notes, *read.notes, *doubts, *missing, *told, *named.notes, *differing, *strays,
+        *drawn.notes, *read.notes, *doubts, *missing, *told, *named.notes, *unsided, *differing,
+        *strays,
         *_fit_notes(fit, named.source), *_panel_notes(panel, fit, named),
     ]  # fmt: skip
     cad = Cad(

@@ -62,4 +62,4 @@ def _lies_on(
     place: NDArray[np.float64], flashed: Sequence[Shape], lows: NDArray[np.float64], highs: NDArray[np.float64]
 ) -> bool:
     near = np.flatnonzero(((place >= lows) & (place <= highs)).all(axis=1))
-    return any(bool(inside(place[None], flashed[i].points_mm)[0]) for i in near)
+    return any(bool(inside(place[None], flashed[int(i)].points_mm)[0]) for i in near)

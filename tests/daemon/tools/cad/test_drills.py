@@ -267,6 +267,20 @@ def test_drills_in_gerber_are_holes_and_slots(tmp_path: Path) -> None:
     assert [(d.x_mm, d.end_x_mm, d.plated) for d in cad.drills if d.end_x_mm] == [(66.0, 68.0, True)]
 
 
+@pytest.mark.parametrize(("aperture", "way"), [("O,2.6X1.0", (0.8, 0.0)), ("O,1.0X2.6", (0.0, 0.8))])
+def test_a_flashed_slot_of_a_drill_file_in_gerber_is_a_slot(
+    aperture: str, way: tuple[float, float], tmp_path: Path
+) -> None:
+    text = "%TF.FileFunction,Plated,1,2,PTH*%\n%FSLAX46Y46*%\n%MOMM*%\n"
+    text += f"%ADD10{aperture}*%\nD10*\nX54000000Y34000000D03*\nM02*\n"
+    cad = read_cad(with_drills(tmp_path, text, "b-drl.gbr"))
+    (slot,) = [d for d in cad.drills if d.end_x_mm is not None]
+    ends = sorted([(slot.x_mm, slot.y_mm), (slot.end_x_mm, slot.end_y_mm)])
+    assert ends[0] == pytest.approx((54.0 - way[0], 34.0 - way[1]), abs=0.01)
+    assert ends[1] == pytest.approx((54.0 + way[0], 34.0 + way[1]), abs=0.01)
+    assert slot.diameter_mm == pytest.approx(1.0, abs=0.01)
+
+
 def test_a_file_of_all_holes_beside_those_by_plating_counts_once(tmp_path: Path) -> None:
     folder = plain_folder(tmp_path)
     (folder / "b-PTH.drl").write_text(drills(SmallBoard(), DrillStyle(), plated=True))
