@@ -44,7 +44,7 @@ def _unmet(pins: Sequence[Pin], metal: Metal, side: Side) -> list[int]:
     if tree is None or not chosen:
         return []
     places = np.array([(pins[k].x_mm, pins[k].y_mm) for k in chosen])
-    away = tree.query(places)[0]
+    away = np.asarray(tree.query(places)[0])
     return [k for k, d in zip(chosen, away, strict=True) if d > SAME_PLACE_MM]
 
 
