@@ -76,7 +76,8 @@ def _put_together(path: Path, folder: CadFolder, roles: Roles, drawn: Layers, *,
         pins = with_nets_of(pins, moved(named.every, fit.shift_mm, fit.scale)) if named.every else pins
         pins = renamed(pins, drawn.copper()) if named.each_copy else pins
     pins, differing = complete_names(pins, drawn.copper(), named.source)
-    pins, strays = without_strays(pins, metal, drawn.copper(), named.source)
+    told_apart = drawn.copper() if named.source in roles.of else {}  # the copper's own names lie where it draws them
+    pins, strays = without_strays(pins, metal, told_apart, named.source)
     drills, missing = add_told_holes(drills, pins, named.source)
     told = [outline.note] if outline.note else []
     notes = [

@@ -10,6 +10,7 @@ from tests.daemon.tools.cad.small_board import (
     PADS,
     PLAIN,
     SIZE,
+    GerberStyle,
     Pad,
     SmallBoard,
     ToolFolder,
@@ -17,6 +18,7 @@ from tests.daemon.tools.cad.small_board import (
     plain_folder,
     write,
 )
+from tests.daemon.tools.cad.tool_folders import TOOLS
 
 WITH_BOTTOM = SmallBoard(
     (
@@ -99,3 +101,25 @@ def test_a_pin_beside_the_middle_of_a_pad_is_left_out_and_told(tmp_path: Path) -
     cad = read_cad(folder)
     assert all(p.part != "TP1" for p in cad.pins)
     assert any("puts 1 of 18 pins beside the middle of a pad (TP1.1): left out" in note for note in cad.notes)
+
+
+def test_a_pad_that_the_copper_names_may_be_drawn_beside_its_anchor(tmp_path: Path) -> None:
+    """A pad of a shape of its own: a small flash, and the region that is the pad, both with the pin's name."""
+    files = {role: name for role, name in TOOLS["kicad 8"].names.items() if role != "netlist"}
+    folder = write(tmp_path, ToolFolder(files, GerberStyle(x2="command", names=True)))
+    copper = folder / files["top copper"]
+    regions = "".join(
+        f"%TO.N,{p.net}*%\n%TO.P,{p.part},{p.pin}*%\nG36*\n{corners(p)}G37*\n%TD*%\n"
+        for p in SmallBoard().placed()
+        if p.part == "U1"
+    )
+    copper.write_text(copper.read_text().replace("M02*", f"{regions}M02*"))
+    assert sum(p.part == "U1" for p in read_cad(folder).pins) >= 6
+
+
+def corners(pad: Pad) -> str:
+    """Write a rectangle that reaches 0.5 mm farther up than a pad."""
+    x0, x1 = pad.x - pad.w / 2, pad.x + pad.w / 2
+    y0, y1 = pad.y - pad.h / 2, pad.y + pad.h / 2 + 0.5
+    ways = [(x0, y0, 2), (x1, y0, 1), (x1, y1, 1), (x0, y1, 1), (x0, y0, 1)]
+    return "".join(f"X{round(x * 1e6)}Y{round(y * 1e6)}D0{code}*\n" for x, y, code in ways)
