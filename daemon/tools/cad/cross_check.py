@@ -1,7 +1,8 @@
 """Cross-check of the netlist's names against the copper's X2 attributes: cut names written out, other names refused.
 
 A netlist cuts parts at 6 characters and nets at 14 (KiCad keeps the last ones, in capitals); the attributes are whole.
-Where the two name pads differently they come from two states of the board, and every net would be in doubt.
+Where the two name pads differently they come from two states of the board, and every net would be in doubt; where
+they do so for a pad or two, its net is.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ def complete_names(
         if pin.part and here:
             compared += 1
             if match is None or not _agree(pin.net, match.net or ""):
+                completed[-1] = replace(completed[-1], net="")  # of two nets none is sure
                 other = match or here[0]
                 others.append(
                     f"{pin.part}.{pin.pin} {pin.net or 'no net'} / {other.part}.{other.pin} {other.net or 'no net'}"
@@ -42,7 +44,10 @@ def complete_names(
             f"{source} and the copper's X2 attributes name {len(others)} of {compared} pads differently "
             f"({others[0]}): export both from the same state of the board"
         )
-    told = f"{source} and the copper's X2 attributes name {len(others)} pads differently: {'; '.join(others)}"
+    told = (
+        f"{source} and the copper's X2 attributes name {len(others)} pads differently, whose nets are left open: "
+        f"{'; '.join(others)}"
+    )
     return completed, [told] if others else []
 
 

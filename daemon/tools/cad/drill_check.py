@@ -29,7 +29,7 @@ def check_drills(
     """Return what to tell of each file's holes; raise ValueError for a file of another board."""
     notes = []
     for name, drills in files:
-        right, outside, wrong = _sorted_out([d for d in drills if d.sides], copper, pads, outline)
+        right, outside, wrong = _sorted_out(_each_once([d for d in drills if d.sides]), copper, pads, outline)
         bad = outside + wrong
         if not bad or bad <= _NOTED * (right + bad):
             continue
@@ -46,6 +46,16 @@ def check_drills(
             )
         notes.append(f"{told}; compare them")
     return notes
+
+
+def _each_once(drills: Sequence[Drill]) -> list[Drill]:
+    """Return the holes, and of a way that is cut in pieces, such as an arc's chords, the first."""
+    before = [None, *drills]
+    return [
+        d
+        for b, d in zip(before, drills, strict=False)
+        if b is None or (b.end_x_mm, b.end_y_mm, b.diameter_mm) != (d.x_mm, d.y_mm, d.diameter_mm)
+    ]
 
 
 def _sorted_out(

@@ -6,15 +6,19 @@ first; the copper decides.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
+import cv2
 import numpy as np
 from scipy.spatial import KDTree
 
-from daemon.tools.cad.excellon import DrillFile, DrillFormat, RawHit, Tool
+from daemon.tools.cad.excellon import DrillFile, DrillFormat, RawArc, RawHit, Tool
+from daemon.tools.cad.geometry import along_arc
 from daemon.tools.cad.gerber import GerberLayer
-from daemon.tools.cad.model import Drill
+from daemon.tools.cad.model import Drill, Shape
 from daemon.tools.cad.places import Places, likely_shifts, share_met, tree_of
 
 _DIGITS = {
@@ -97,11 +101,41 @@ def drills_of(file: DrillFile, reading: DrillFormat, *, plated: bool | None) -> 
         if hit.end_x is not None and hit.end_y is not None and (hit.end_x, hit.end_y) != (hit.x, hit.y):
             ends = (reading.length_mm(hit.end_x), reading.length_mm(hit.end_y))
         own = tool.plated if tool.plated is not None else plated
-        found.append(
-            Drill(reading.length_mm(hit.x), reading.length_mm(hit.y), tool.diameter * (tool.unit_mm or unit_mm), *ends,
-                  plated=own, capped=tool.capped)
+        drill = Drill(
+            reading.length_mm(hit.x), reading.length_mm(hit.y), tool.diameter * (tool.unit_mm or unit_mm), *ends,
+            plated=own, capped=tool.capped,
         )  # fmt: skip
+        found += _along_arc(drill, hit.arc, reading) if hit.arc is not None else [drill]
     return found, sorted(nameless)
+
+
+def _along_arc(drill: Drill, arc: RawArc, reading: DrillFormat) -> list[Drill]:
+    """Return an arc's chords as slots; a whole circle leaves nothing in its middle."""
+    here = (drill.x_mm, drill.y_mm)
+    there = (
+        here[0] if drill.end_x_mm is None else drill.end_x_mm,
+        here[1] if drill.end_y_mm is None else drill.end_y_mm,
+    )
+    if arc.radius:
+        centre = _arc_centre(here, there, reading.length_mm(arc.radius), clockwise=arc.clockwise)
+    else:
+        centre = (here[0] + reading.length_mm(arc.i or "0"), here[1] + reading.length_mm(arc.j or "0"))
+    if here == there:
+        return [
+            replace(drill, x_mm=centre[0], y_mm=centre[1], diameter_mm=drill.diameter_mm + 2 * math.dist(here, centre))
+        ]
+    points = along_arc(here, there, centre, cw=arc.clockwise).tolist()
+    return [replace(drill, x_mm=x, y_mm=y, end_x_mm=u, end_y_mm=v) for (x, y), (u, v) in pairwise(points)]
+
+
+def _arc_centre(
+    here: tuple[float, float], there: tuple[float, float], radius_mm: float, *, clockwise: bool
+) -> tuple[float, float]:
+    """Return the middle of the shorter arc of a radius from one place to another."""
+    dx, dy = there[0] - here[0], there[1] - here[1]
+    length = max(math.hypot(dx, dy), 1e-9)
+    up = math.sqrt(max(radius_mm**2 - length**2 / 4.0, 0.0)) * (-1.0 if clockwise else 1.0)
+    return (here[0] + there[0]) / 2.0 - dy / length * up, (here[1] + there[1]) / 2.0 + dx / length * up
 
 
 def _tool_unit_mm(tools: Iterable[Tool], reading: DrillFormat) -> float:
@@ -114,13 +148,23 @@ def _tool_unit_mm(tools: Iterable[Tool], reading: DrillFormat) -> float:
 
 
 def drills_of_gerber(layer: GerberLayer, *, plated: bool | None) -> list[Drill]:
-    """Return the drills of a drill file that is written in Gerber: flashed discs, and slots drawn with a pen."""
-    found = [Drill(*s.round_mm, plated=plated) for s in layer.shapes if s.round_mm and s.dark]
+    """Return the drills of a drill file that is written in Gerber: flashed discs and slots, and what a pen draws."""
+    flashed = [s for s in layer.shapes if s.flashed and s.dark]
+    found = [Drill(*s.round_mm, plated=plated) if s.round_mm else _flashed_slot(s, plated=plated) for s in flashed]
     for path in layer.paths:
         if path.width_mm > _SMALLEST_MM:
             for (ax, ay), (bx, by) in zip(path.points[:-1], path.points[1:], strict=True):
                 found.append(Drill(float(ax), float(ay), path.width_mm, float(bx), float(by), plated=plated))
     return found
+
+
+def _flashed_slot(shape: Shape, *, plated: bool | None) -> Drill:
+    """Return the slot that fills the narrowest box round a flashed shape, however it is turned."""
+    (x, y), (width, height), turn_deg = cv2.minAreaRect(shape.points_mm.astype(np.float32))
+    turn = math.radians(turn_deg if width >= height else turn_deg + 90.0)
+    half = abs(width - height) / 2.0
+    dx, dy = half * math.cos(turn), half * math.sin(turn)
+    return Drill(x - dx, y - dy, min(width, height), x + dx, y + dy, plated=plated)
 
 
 def displacement_mm(drills: list[Drill], copper: Copper) -> tuple[float, float] | None:

@@ -18,6 +18,8 @@ _ALLEGRO_TOOL = re.compile(
 )
 _COORDINATE = re.compile(r"([XYIJA])([-+.\d]+)")
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)\Z")
+_CYCLES = re.compile(r"G(3[23]|8[2347])(?!\d)")
+"""Codes that drill or cut several places at once; no tool writes them today."""
 _CAPPED = re.compile(r"TA\.AperFunction,.*ViaDrill.*,(Filled|VII)", re.IGNORECASE)
 
 
@@ -51,6 +53,16 @@ class DrillFormat:
 
 
 @dataclass(frozen=True, slots=True)
+class RawArc:
+    """How a round piece of a slot goes: about the middle at i, j from its start, or with a radius."""
+
+    clockwise: bool
+    i: str | None = None
+    j: str | None = None
+    radius: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class RawHit:
     """A hit or one straight or round piece of a slot, in digits."""
 
@@ -59,6 +71,7 @@ class RawHit:
     y: str
     end_x: str | None = None
     end_y: str | None = None
+    arc: RawArc | None = None
 
 
 @dataclass(slots=True)
@@ -113,10 +126,18 @@ class _Reader:
     next_capped: bool = False
     done: bool = False
     incremental: bool = False
+    round: int = 0
+    origin_next: bool = False
+    text_next: bool = False
+    pattern: list[RawHit] | None = None
+    pattern_from: int = 0
+    pattern_away: tuple[str, str] = ("0", "0")
 
     def line(self, line: str) -> None:
         if line.startswith((";", "(")):
             self._comment(line)
+        elif line.startswith(("M97", "M98")):
+            self.text_next = True
         elif line in ("M30", "M00", "M2", "M02"):
             self.done = bool(self.file.hits)
         elif line.startswith("M48"):
@@ -187,6 +208,7 @@ class _Reader:
             self._say(integers=len(digits[1]), decimals=len(digits[2]))
 
     def _take_tool(self, line: str) -> None:
+        line = line.replace(" ", "")
         found = _TOOL.match(line)
         number = int(found[1]) if found else int(re.match(r"T(\d+)", line)[1])  # type: ignore[index]
         if found:
@@ -194,19 +216,31 @@ class _Reader:
             self.file.tools[number] = Tool(float(found[2]), None, self.next_plated, self.next_capped)
             self.next_capped = False
         if not self.in_header:
-            self.tool = number or self.tool
+            self.tool = self._known(number, line) or self.tool
         rest = re.sub(r"^T\d+(?:[FSBHZC][-+\d.]+)*", "", line)
         if rest:
             self._body(rest)
 
+    def _known(self, number: int, line: str) -> int:
+        """Return a tool's number; `T0102` is tool 1 with the offset 2."""
+        four = re.match(r"T(\d\d)\d\d(?!\d)", line)
+        return int(four[1]) if four and number not in self.file.tools and int(four[1]) in self.file.tools else number
+
     def _body(self, line: str) -> None:
+        line = re.sub(r"(?<=\d),(?=\d)", ".", line)
+        if found := _CYCLES.search(line):
+            raise ValueError(f"{found[0]} is not known")
         for code in re.findall(r"[GM]\d+", line.split("X", maxsplit=1)[0].split("Y", maxsplit=1)[0]):
             self._code(int(code[1:]), code[0])
+        if _COORDINATE.search(line) and self._is_no_hit(line):
+            return
         if repeat := re.match(r"R(\d+)\s*(?=[XY]|$)", line):
             self._repeat(int(repeat[1]), line)
             return
         if "G85" in line:
             before, _, after = line.partition("G85")
+            if not _COORDINATE.search(before) and (both := re.match(r"(.*?[XY].*?Y[^X]*)(X.*)", after)):
+                before, after = both[1], both[2]
             self._move(before)
             self._slot(after)
         elif self.slot_next and _COORDINATE.search(line):
@@ -214,16 +248,58 @@ class _Reader:
         elif _COORDINATE.search(line):
             self._go(line)
 
+    def _is_no_hit(self, line: str) -> bool:
+        """Say whether a line's coordinates are no place to drill: an origin, letters, the way to a pattern's copy."""
+        if self.origin_next:
+            self.origin_next = False
+            if any(digits.strip("+-0.") for _, digits in _COORDINATE.findall(line)):
+                raise ValueError("it sets another origin")
+            return True
+        if self.text_next:
+            self.text_next = False
+            return True
+        if self.pattern is not None and re.match(r"(R\d+)?M0?2", line):
+            self._copy_pattern(line)
+            return True
+        return False
+
+    def _copy_pattern(self, line: str) -> None:
+        """Drill the pattern again, so far from its last copy."""
+        if re.search(r"M[789]0", line):
+            raise ValueError("it turns a pattern over")
+        steps = dict(_COORDINATE.findall(line))
+        times = re.match(r"R(\d+)", line)
+        for _ in range(min(int(times[1]), 10_000) if times else 1):
+            x, y = self.pattern_away
+            self.pattern_away = x, y = self._plus(x, steps.get("X", "0")), self._plus(y, steps.get("Y", "0"))
+            self.file.hits += [self._carried(hit, x, y) for hit in self.pattern or ()]
+
+    def _carried(self, hit: RawHit, x: str, y: str) -> RawHit:
+        end_x = None if hit.end_x is None else self._plus(hit.end_x, x)
+        end_y = None if hit.end_y is None else self._plus(hit.end_y, y)
+        return RawHit(hit.tool, self._plus(hit.x, x), self._plus(hit.y, y), end_x, end_y, hit.arc)
+
+    def _m_code(self, code: int) -> None:
+        if code in (15, 16, 17):
+            self.plunged, self.uses_plunge = code == 15, True
+        elif code == 25:
+            self.pattern, self.pattern_from, self.pattern_away = None, len(self.file.hits), ("0", "0")
+        elif code == 1:
+            self.pattern = self.file.hits[self.pattern_from :]
+        elif code == 8:
+            self.pattern = None
+
     def _code(self, code: int, letter: str) -> None:
         if letter == "M":
-            if code in (15, 16, 17):
-                self.plunged, self.uses_plunge = code == 15, True
+            self._m_code(code)
+        elif code in (92, 93):
+            self.origin_next = True
         elif code in (90, 91):
             self.incremental = code == 91
         elif code == 5:
             self.routing = self.plunged = False
         elif code in (0, 1, 2, 3):
-            self.routing = True
+            self.routing, self.round = True, code if code > 1 else 0
             if code == 0:
                 self.plunged = False
             elif not self.uses_plunge:
@@ -236,15 +312,25 @@ class _Reader:
         if not self.routing:
             self.file.hits.append(RawHit(self.tool, self.x, self.y))
         elif self.plunged:
-            self.file.hits.append(RawHit(self.tool, *was, self.x, self.y))
+            self.file.hits.append(RawHit(self.tool, *was, self.x, self.y, self._arc(line)))
+
+    def _arc(self, line: str) -> RawArc | None:
+        """Return how the drill goes round, None where it goes straight."""
+        said = dict(re.findall(r"([IJA])([-+.\d]+)", line))
+        for digits in said.values():
+            _require_number(digits)
+        return RawArc(self.round == 2, said.get("I"), said.get("J"), said.get("A")) if self.round and said else None
 
     def _move(self, text: str) -> None:
         for axis, digits in _COORDINATE.findall(text):
             _require_number(digits)
             if axis == "X":
-                self.x = _plus(self.x, digits) if self.incremental else digits
+                self.x = self._plus(self.x, digits) if self.incremental else digits
             elif axis == "Y":
-                self.y = _plus(self.y, digits) if self.incremental else digits
+                self.y = self._plus(self.y, digits) if self.incremental else digits
+
+    def _plus(self, a: str, b: str) -> str:
+        return _plus(a, b, from_left=self.file.said.zeros_kept == "leading")
 
     def _slot(self, after: str) -> None:
         """Cut from where the drill stands to the coordinates after `G85`; an omitted one stays."""
@@ -263,7 +349,7 @@ class _Reader:
         for digits in steps.values():
             _require_number(digits)
         for _ in range(min(times, 10_000)):
-            self.x, self.y = _plus(self.x, steps.get("X", "0")), _plus(self.y, steps.get("Y", "0"))
+            self.x, self.y = self._plus(self.x, steps.get("X", "0")), self._plus(self.y, steps.get("Y", "0"))
             self.file.hits.append(RawHit(self.tool, self.x, self.y))
 
 
@@ -279,13 +365,19 @@ def _require_number(digits: str) -> None:
         raise ValueError(f"{digits[:12]}... lies on no board")
 
 
-def _plus(a: str, b: str) -> str:
-    """Add two numbers as they are written: both with a point, or digits of one length."""
+def _plus(a: str, b: str, *, from_left: bool) -> str:
+    """Add two numbers as they are written: both with a point, or digits that count from one end."""
     if "." in a or "." in b:
         return f"{float(a) + float(b):.6f}"
     width = max(len(a.lstrip("+-")), len(b.lstrip("+-")))
+    if from_left:
+        a, b = (sign + digits.ljust(width, "0") for sign, digits in (_signed(a), _signed(b)))
     total = int(a) + int(b)
     return f"{'-' if total < 0 else ''}{abs(total):0{width}d}"
+
+
+def _signed(text: str) -> tuple[str, str]:
+    return ("-" if text.startswith("-") else ""), text.lstrip("+-")
 
 
 def _plated_word(text: str) -> bool | None:

@@ -197,6 +197,8 @@ def _read_zip(source: Path | io.BytesIO, called: str, budget: int = MAX_ALL_BYTE
             if entries and all(e.flag_bits & 1 for e in entries):
                 raise ValueError(f"{called} is locked with a password; unpack it and give the folder")
             for entry in entries:
+                if _is_clutter(PurePosixPath(entry.filename)):
+                    continue
                 name = _safe_name(entry.filename)
                 if name is None or entry.flag_bits & 1 or PurePosixPath(name).suffix.lower() in _BINARY:
                     left_out.append(entry.filename)
@@ -217,9 +219,12 @@ def _safe_name(name: str) -> str | None:
     parts = PurePosixPath(name.replace("\\", "/")).parts
     if not parts or ".." in parts or parts[0] == "/" or ":" in parts[0]:
         return None
-    if any(p.lower() in _SKIPPED or p.startswith("._") for p in parts):
-        return None
     return "/".join(parts)
+
+
+def _is_clutter(path: PurePosixPath) -> bool:
+    """Say whether a packer of its own put a file there; in a folder such files are not seen either."""
+    return any(p.lower() in _SKIPPED or p.startswith("._") for p in path.parts)
 
 
 def _without_shared_root(files: list[CadFile]) -> list[CadFile]:

@@ -23,13 +23,16 @@ __all__ = ["GerberLayer", "Path", "read_gerber"]
 _WORD = re.compile(r"([GDMXYIJN])\s*([+-]?\d*\.?\d*)")
 _PLAIN = re.compile(r"(?:G0?1)?(?:X(-?\d+))?(?:Y(-?\d+))?D0?([123])")
 _APERTURE = re.compile(r"ADD(\d+)([A-Za-z_.$][\w.$-]*)(?:,(.*))?$")
-_REPEAT = re.compile(r"SRX(\d+)Y(\d+)I([\d.+-]+)J([\d.+-]+)")
+_REPEAT = re.compile(r"([XYIJ])\s*([+-]?[\d.]+)")
+_UNIT_CODE = re.compile(r"(?:^|[*\n])\s*(?:N\d+)?G7([01])(?=\*|G)")
 _END = ("0", "00", "2", "02")
 
 
 def read_gerber(text: str) -> GerberLayer:
     """Draw a Gerber file; raise ValueError saying in plain words what cannot be drawn."""
     reader, command = _Reader(), ""
+    if "%MO" not in text and (unit := _UNIT_CODE.search(text)):  # holds for the apertures before it, too
+        reader.numbers.unit_mm = INCH_MM if unit[1] == "0" else 1.0
     try:
         for extended, command in commands(text):
             if extended:
@@ -83,6 +86,10 @@ class _Reader:
             self.painter.say_image(command, self.unit_mm)
         elif command.startswith("IPNEG"):
             raise CannotDrawError("it is drawn as a negative (%IPNEG*%); export it as a positive")
+        elif kind == "AS" and not command.startswith("ASAXBY"):
+            raise CannotDrawError(f"its axes are exchanged (%{command}*%); export it anew, as seen from the top")
+        elif kind == "SF" and any(float(n) != 1.0 for n in re.findall(r"[AB]([\d.]+)", command)):
+            raise CannotDrawError(f"it is scaled as a whole (%{command}*%); export it in its true size")
 
     @property
     def unit_mm(self) -> float:
@@ -141,11 +148,14 @@ class _Reader:
             self.apertures[made[0]] = made[1]
 
     def take_repeat(self, command: str) -> None:
-        """Take `SR`."""
+        """Take `SR`, in whatever order; a number that it leaves out is one repeat, or no step."""
         self.painter.close_repeat()
-        if (found := _REPEAT.match(command)) is not None:
-            step = (float(found[3]) * self.unit_mm, float(found[4]) * self.unit_mm)
-            self.painter.open_repeat((int(found[1]), int(found[2])), step)
+        said = dict(_REPEAT.findall(command[2:]))
+        if _REPEAT.sub("", command[2:]).strip():
+            raise CannotDrawError(f"the command {command[:60]!r} cannot be drawn")
+        if said:
+            step = (float(said.get("I", 0.0)) * self.unit_mm, float(said.get("J", 0.0)) * self.unit_mm)
+            self.painter.open_repeat((int(said.get("X", 1)), int(said.get("Y", 1))), step)
 
     # --- data blocks -------------------------------------------------------------------------------------------
 

@@ -137,6 +137,9 @@ def _record(line: str, unit_mm: float, aliases: dict[str, str]) -> Record | None
 
 def _names(head: str) -> tuple[str, str, str]:
     """Split net, part and pin: by column if the dash and the gap are where they belong, else by words."""
+    if "\t" in head:  # an editor's, for blanks: columns are gone
+        net, *words = [*head[3:].split(), ""]
+        head = f"{head[:3]}{net:<17}{' '.join(words)}"
     fixed = f"{head:<32}"
     if (
         not fixed[17:20].strip()

@@ -59,7 +59,7 @@ _NUMBERED = re.compile(
     r"\b(?:l|ly|lay|lyr|layer|art|conduct(?:or|ive)|copper|cu|sig(?:nal)?|etch)(?: signal| plane)? ?0*(\d{1,2})\b"
 )
 _GLUED = re.compile(
-    r"(?<![a-z])(top|bottom|bot|front|back|board|internal|solder|comp)"
+    r"(?<![a-z])(top|bottom|bot|front|back|board|internal|solder|component|comp)"
     r"(?=layer|solder|silk|mask|paste|copper|cream|outline|overlay|stop|side|screen|assembly|plane|place|courtyard|fab)"
 )
 _SHORT = re.compile(r"\b(smt|smb|sst|ssb|spt|spb|tsm|bsm|tsk|bsk|tsp|bsp|tss|bss|pmt|pmb)\b")
@@ -69,6 +69,8 @@ _PADS_LAYERS = {
     "21": "top mask", "28": "bottom mask", "26": "top silk", "29": "bottom silk", "23": "top paste",
     "22": "bottom paste", "27": "top fabrication",
 }  # fmt: skip
+_USE_FIRST = re.compile(r"(?<![a-z])(mask|silk|paste|assy)(?=(top|bottom|bot)\b)")
+_SIDE_LETTER = re.compile(r"(?<![a-z])([tb])(?=(solder|silk)(mask|screen|paste)\b)")
 _SHORT_SIDED = re.compile(r"\b(sm|ss|sk|sp|pm|cu)(top|bottom|bot)\b")
 _SHORT_USES = {"sm": "mask", "ss": "silk", "sk": "silk", "sp": "paste", "pm": "paste", "cu": "copper"}
 _LETTERED = re.compile(r"\b(mask|silk|paste)([tb])\b")
@@ -120,6 +122,8 @@ def _by_words(text: str, *, letters: bool = True) -> str | None:
     if found := _PADS.search(text):
         number_side = "top" if found[3] == "1" else "bottom"
         return _PADS_LAYERS.get(found[2] or "", f"{number_side} {'mask' if found[1] == 'sm' else 'silk'}")
+    text = _USE_FIRST.sub(r"\1 ", text)
+    text = _SIDE_LETTER.sub(lambda m: "top " if m[1] == "t" else "bottom ", text)
     text = _SHORT_SIDED.sub(lambda m: f"{_SHORT_USES[m[1]]} {m[2]}", text)
     text = _LETTERED.sub(lambda m: f"{m[1]} {'top' if m[2] == 't' else 'bottom'}", text)
     text = _LETTER_FIRST.sub(

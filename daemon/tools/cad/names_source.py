@@ -27,7 +27,7 @@ class Named:
     """Pins in their source's origin. source: the file, for people; scales: what lengths may have to be taken times.
 
     each_copy: the source names every board of a panel, and these are the pins of one of them; every: those of all,
-    where the copper does not name them.
+    where the copper does not name them. unsaid: the numbers of the pins whose side the source does not say.
     """
 
     pins: list[Pin]
@@ -36,6 +36,7 @@ class Named:
     scales: tuple[float, ...] = (1.0,)
     each_copy: bool = False
     every: tuple[Pin, ...] = ()
+    unsaid: frozenset[int] = frozenset()
 
 
 def find_pins(folder: CadFolder, roles: Roles, copper: dict[Side, Sequence[Shape]], drills: Sequence[Drill]) -> Named:
@@ -125,7 +126,7 @@ def _of_file(file: CadFile) -> Named:
         return _of_netlist(file)
     points = read_points(file.name, text)
     note = f"names are the {len(points.pins)} points of {file.name} alone: other pads have no names"
-    return Named(points.pins, file.name, (note,), points.scales)
+    return Named(points.pins, file.name, (note,), points.scales, unsaid=points.unsaid)
 
 
 def _of_netlist(file: CadFile) -> Named:

@@ -7,7 +7,7 @@ explain all of the netlist, each with pads of its own, are the boards of a panel
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
@@ -25,6 +25,12 @@ _SURE, _CLEARLY = 0.8, 0.2
 """A source that explains less may lie another way round, which then explains so much more, and more than this."""
 _FEW = 4
 """With fewer places than this a shift is chance."""
+_APART = 0.9
+"""Share of the places that a scale must leave apart: a board shrunk to a dot fits any pad."""
+_NOTED = 0.9
+"""A side of which less fits is told."""
+_FINE_MM = 0.01
+"""A netlist whose places all lie this far from their pads has an origin that was rounded."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +45,8 @@ class Metal:
 class Fit:
     """How the netlist lies on the layers. scale: its coordinates times this. share: of its records that meet metal.
 
-    copies: the boards of a panel, each by the lower left corner of its pads, the one that the netlist is for upright.
+    poor: of a side of which little fits, how many of the named pads have one there, and how many there are. copies:
+    the boards of a panel, each by the lower left corner of its pads, the one that the netlist is for upright.
     """
 
     shift_mm: tuple[float, float]
@@ -47,6 +54,7 @@ class Fit:
     scale: float = 1.0
     copies: tuple[Copy, ...] = ()
     named_copy: int = 0
+    poor: dict[Side, tuple[int, int]] = field(default_factory=dict)
 
 
 class _Cloud:
@@ -60,6 +68,7 @@ class _Cloud:
             "hole": both,
             **{side: places for side, places in pads.items() if side in metal.pads},
         }
+        self.classes = list(targets)
         self.groups = [
             (distinct(np.array([(p.x_mm, p.y_mm) for p in pins if _class(p) == name], float).reshape(-1, 2)), target)
             for name, target in targets.items()
@@ -82,6 +91,21 @@ class _Cloud:
             for (a, _), tree in zip(self.groups, self.trees, strict=True)
         )
         return met / max(self.count, 1)
+
+    def on_sides(self, fit: Fit) -> dict[Side, tuple[Places, Places]]:
+        """Return the places that are named on a side alone, as they lie on the layers, and the pads there."""
+        groups = dict(zip(self.classes, self.groups, strict=True))
+        return {
+            side: (groups[side][0] * fit.scale + fit.shift_mm, groups[side][1])
+            for side in ("top", "bottom")
+            if side in groups
+        }
+
+    def stays_apart(self, scale: float) -> bool:
+        """Say whether places that lie apart still do when scaled."""
+        every = np.concatenate([a for a, _ in self.groups])
+        before, after = (len(np.unique(np.round(every * by / SAME_PLACE_MM), axis=0)) for by in (1.0, scale))
+        return after >= _APART * before
 
     def sample_share(self, shift: tuple[float, float], turn_deg: float) -> float:
         """Return the share of some forty places of the largest class, to a rough shift."""
@@ -111,15 +135,31 @@ def fit_netlist(pins: Sequence[Pin], metal: Metal, name: str, scales: Sequence[f
         return Fit((0.0, 0.0), 1.0)
     if not cloud.count:
         raise ValueError(f"{name} names no pad; export the netlist again")
+    best = _best_fit(cloud, scales)
+    _require(cloud, best, name)
+    best = replace(best, poor=_poor_sides(cloud, best, name))
+    best = _with_copies(cloud, best, name) if best.scale == 1.0 else best
+    return best if best.copies or best.shift_mm != (0.0, 0.0) else replace(best, shift_mm=_fine_shift(cloud, best))
+
+
+def _best_fit(cloud: _Cloud, scales: Sequence[float]) -> Fit:
+    """Return the first scale and the shift that explain most; as it lies, where that explains nearly as much."""
     best = Fit((0.0, 0.0), cloud.share((0.0, 0.0)))
     for scale in scales:
         if scale != 1.0 and best.share >= _ENOUGH and cloud.count >= _FEW:
             break
+        if not cloud.stays_apart(scale):
+            continue
         for shift in cloud.shifts(scale):
             share = cloud.share(shift, scale)
             if share * _NEARLY > best.share:
-                found = refined(shift, [(a * scale, b) for a, b in cloud.groups])
+                found = refined(shift, [(a * scale, b) for a, b in cloud.groups]) if shift != (0.0, 0.0) else shift
                 best = Fit(found, cloud.share(found, scale), scale)
+    return best
+
+
+def _require(cloud: _Cloud, best: Fit, name: str) -> None:
+    """Raise ValueError for a fit that is none, or chance."""
     if best.share < _SURE and (how := _other_way_round(cloud, best.share)) is not None:
         raise ValueError(
             f"{name} does not lie as the layers do: it {how}; export both anew, seen from the top, with one origin"
@@ -134,7 +174,48 @@ def fit_netlist(pins: Sequence[Pin], metal: Metal, name: str, scales: Sequence[f
             f"{name} has only {cloud.count} places, too few to find its origin; "
             "export netlist and Gerbers with one origin"
         )
-    return _with_copies(cloud, best, name) if best.scale == 1.0 else best
+    if best.share < _SURE and (best.shift_mm != (0.0, 0.0) or best.scale != 1.0):
+        x, y = best.shift_mm
+        raise ValueError(
+            f"{name} does not fit the layers: at best, shifted by {x:.2f}, {y:.2f} mm, {best.share:.0%} of its "
+            f"{cloud.count} places have a pad or a hole; export netlist and Gerbers from the same state of the board, "
+            "with one origin"
+        )
+
+
+def _poor_sides(cloud: _Cloud, fit: Fit, name: str) -> dict[Side, tuple[int, int]]:
+    """Return the sides of which little fits; raise ValueError for one that lies elsewhere than the rest."""
+    poor: dict[Side, tuple[int, int]] = {}
+    for side, (places, pads) in cloud.on_sides(fit).items():
+        count, share = len(places), share_met(places, tree_of(pads))
+        if not count or share >= _NOTED:
+            continue
+        how = _how_it_lies(places, pads, share) if count >= _FEW else None
+        if count >= _FEW and (how or share < _ENOUGH):
+            raise ValueError(
+                f"{name} does not fit the {side}: {share:.0%} of the {count} pads that it names there have one"
+                f"{how or ''}, of all its places {fit.share:.0%}; export netlist and Gerbers anew, all seen from the "
+                "top, with one origin"
+            )
+        poor[side] = round(share * count), count
+    return poor
+
+
+def _how_it_lies(places: Places, pads: Places, share: float) -> str | None:
+    """Say how the places of one side fit its pads clearly better."""
+    tree, least = tree_of(pads), max(_SURE, share + _CLEARLY)
+    for flip in ((1.0, 1.0), (-1.0, 1.0), (1.0, -1.0)):
+        flipped: Places = places * flip
+        found, way = max((share_met(flipped + s, tree), s) for s in likely_shifts([(flipped, pads)]))
+        if found >= least:
+            return f" ({f'shifted by {way[0]:.2f}, {way[1]:.2f} mm' if flip == (1.0, 1.0) else 'mirrored'} they do)"
+    return None
+
+
+def _fine_shift(cloud: _Cloud, fit: Fit) -> tuple[float, float]:
+    """Return the way to the pads of a netlist that fits as it lies; none where only its digits are rounded."""
+    shift = refined((0.0, 0.0), [(a * fit.scale, b) for a, b in cloud.groups])
+    return shift if max(abs(v) for v in shift) > _FINE_MM else (0.0, 0.0)
 
 
 def _other_way_round(cloud: _Cloud, share: float) -> str | None:
@@ -175,7 +256,7 @@ def _with_copies(cloud: _Cloud, best: Fit, name: str) -> Fit:
         for rough in cloud.shifts(turn_deg=turn_deg, keep=60):
             if cloud.sample_share(rough, turn_deg) < 0.7 * best.share:
                 continue
-            shift = refined(rough, [(turned(a, turn_deg), b) for a, b in cloud.groups])
+            shift = refined(rough, [(turned(a, turn_deg), b) for a, b in cloud.groups]) if any(rough) else rough
             if _known(shift, turn_deg, poses) or cloud.share(shift, turn_deg=turn_deg) < _NEARLY * best.share:
                 continue
             mine = cloud.met_metal(shift, turn_deg)
@@ -224,4 +305,4 @@ def _as_copies(cloud: _Cloud, best: Fit, poses: list[tuple[tuple[float, float], 
         named = ordered.index((best.shift_mm, 0.0))
     else:  # the names are for any of the copies alike; the first upright one is as good, and always the same
         named = next(k for k, (_, turn_deg) in enumerate(ordered) if turn_deg == 0.0)
-    return Fit(ordered[named][0], best.share, 1.0, tuple(copies), named)
+    return replace(best, shift_mm=ordered[named][0], copies=tuple(copies), named_copy=named)

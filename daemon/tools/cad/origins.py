@@ -14,14 +14,29 @@ from daemon.tools.cad.places import Places, distinct, likely_shifts, pad_places,
 
 def check_origins(layers: Layers) -> None:
     """Refuse a mask, or a bottom, that lies elsewhere than the copper: registration by eye would be led astray."""
-    for side, copper in layers.pads().items():
+    pads = layers.pads()
+    for side, copper in pads.items():
         mask = pad_places(layers.shapes.get((side, "mask"), ()))
+        _check_side_of_mask(side, mask, pads)
         if (shift := _other_place(mask, copper)) is not None:
             raise ValueError(
                 f"the {side} mask lies {shift[0]:.2f}, {shift[1]:.2f} mm from the {side} copper: "
                 "export both with the same origin"
             )
         _check_mask(layers, side, mask, copper)
+
+
+def _check_side_of_mask(side: Side, mask: Places, pads: Mapping[Side, Places]) -> None:
+    """Refuse a mask that is the one of the other side."""
+    other: Side = "bottom" if side == "top" else "top"
+    if len(mask) < 8 or other not in pads:
+        return
+    here, there = (share_met(mask, tree_of(pads[s])) for s in (side, other))
+    if there > _OTHERS and here < there - _CLEARLY / 2.0:
+        raise ValueError(
+            f"the {side} mask has its openings on the pads of the {other} copper ({there:.0%} of them, {here:.0%} on "
+            f"its own): files are exchanged; say --layer top_mask=FILE --layer bottom_mask=FILE"
+        )
 
 
 def _check_mask(layers: Layers, side: Side, mask: Places, copper: Places) -> None:
@@ -75,6 +90,8 @@ def check_sides(layers: Layers, holes: Places) -> None:
 
 
 _MIRRORED, _CLEARLY = 0.6, 0.4
+_OTHERS = 0.95
+"""A mask of which more openings lie on the other side's pads, and clearly fewer on its own, is that side's."""
 
 
 def _fits_mirrored(pads: Places, holes: Places, met: Mapping[Side, float]) -> bool:

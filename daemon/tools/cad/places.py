@@ -76,9 +76,7 @@ def likely_shifts(groups: Sequence[tuple[Places, Places]], keep: int = 12) -> li
 
 
 def refined(shift: tuple[float, float], groups: Sequence[tuple[Places, Places]]) -> tuple[float, float]:
-    """Return the shift as the median over all places that meet; no shift stays none."""
-    if shift == (0.0, 0.0):
-        return shift
+    """Return the shift as the median over all places that meet."""
     for _ in range(2):
         found = []
         for a, b in groups:

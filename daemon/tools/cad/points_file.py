@@ -29,6 +29,8 @@ _UNIT_MM = {
     "nm": 1e-6,
 }
 _UNIT = re.compile(r"(?<![a-z])(mm|mils?|inch|in|um|nm)(?![a-z])")
+_UNIT_IN_WORDS = re.compile(r"(?<![a-z])(mm|mils?|inch|um|nm)(?![a-z])|\bunits?\W+(in)\b(?!\W*[a-z])")
+"""In a sentence, where `in` is a word as any other."""
 _WRITTEN_OUT = (
     (re.compile(r"[\u00b5\u03bc]m|\bmicrons?\b|\bmicromet(er|re)s?\b"), "um"),
     (re.compile(r"\bmillimet(er|re)s?\b"), "mm"),
@@ -73,19 +75,24 @@ _PLACEMENT = {"rotation", "rot", "footprint", "package", "val", "value", "angle"
 
 @dataclass(frozen=True)
 class Points:
-    """The pins a points file names; scales: what its lengths may have to be taken times."""
+    """The pins a points file names; scales: what its lengths may have to be taken times.
+
+    unsaid: the numbers of those whose side it does not say.
+    """
 
     pins: list[Pin]
     scales: tuple[float, ...]
+    unsaid: frozenset[int] = frozenset()
 
 
 @dataclass(frozen=True)
 class _Table:
-    """Where the table starts, its columns, and the unit of each column of lengths where the headings say it."""
+    """Its columns, the unit of each column of lengths where the headings say it, and what is written above it."""
 
     rows: list[list[str]]
     columns: dict[str, int]
     unit_mm: dict[str, float]
+    above: str
 
 
 def looks_like_points(name: str, text: str) -> bool:
@@ -108,16 +115,17 @@ def read_points(name: str, text: str) -> Points:
     if table is None:
         raise ValueError(f"{name} has no table with columns x and y (and name, net, side); add a line of headings")
     said = dict(table.unit_mm)
-    whole = _UNIT.search(_written_short(text[:400])) if not said else None
-    pins = [
-        pin
-        for number, row in enumerate(table.rows)
-        if (pin := _pin(row, table, number, _UNIT_MM[whole[1]] if whole else 1.0))
-    ]
+    whole = _UNIT_IN_WORDS.search(_written_short(table.above)) if not said else None
+    unit_mm = _UNIT_MM[whole[1] or whole[2]] if whole else 1.0
+    read = [(pin, row) for number, row in enumerate(table.rows) if (pin := _pin(row, table, number, unit_mm))]
+    pins = [pin for pin, _ in read]
+    unsaid = frozenset(k for k, (_, row) in enumerate(read) if _side(_cell(row, table, "side")) is None)
     if not pins:
         raise ValueError(f"{name} lists no point with numbers in x and y")
-    sure = bool(said or whole or any(_UNIT.search(c.lower()) for row in table.rows[:3] for c in row))
-    return Points(pins, (1.0,) if sure else UNSAID_UNITS)
+    lengths = [table.columns["x"], table.columns["y"]]
+    in_cells = any(_UNIT.search(row[k].lower()) for row in table.rows[:3] for k in lengths if k < len(row))
+    sure = bool(said or whole or in_cells)
+    return Points(pins, (1.0,) if sure else UNSAID_UNITS, unsaid)
 
 
 def _table(text: str) -> _Table | None:
@@ -137,7 +145,7 @@ def _table(text: str) -> _Table | None:
                 rows = [row for row in rows if len(row) == len(cells)]
                 if not any(_length_mm(row[columns["x"]], 1.0) is not None for row in rows):
                     continue  # a sentence, not a table
-            return _Table(rows, columns, unit_mm)
+            return _Table(rows, columns, unit_mm, "\n".join(lines[:k])[-2000:])
     return None
 
 
@@ -186,8 +194,7 @@ def _written_short(heading: str) -> str:
 
 def _pin(row: list[str], table: _Table, number: int, unit_mm: float) -> Pin | None:
     def cell(column: str) -> str:
-        index = table.columns.get(column)
-        return row[index].strip() if index is not None and index < len(row) else ""
+        return _cell(row, table, column)
 
     def length(column: str) -> float | None:
         return _length_mm(cell(column), table.unit_mm.get(column, table.unit_mm.get("x", unit_mm)))
@@ -197,12 +204,17 @@ def _pin(row: list[str], table: _Table, number: int, unit_mm: float) -> Pin | No
         return None
     part, pin = _name(cell("name"), cell("pin"), number)
     width, height = length("width"), length("height")
-    side = _side(cell("side"))
+    side = _side(cell("side")) or BOTH
     return Pin(
         part=part, pin=pin, net=cell("net"), x_mm=x, y_mm=y, is_via=False, hole_mm=length("hole") or None, access=side,
         covered=NONE, width_mm=width or None, height_mm=height if height is not None else 0.0,
         feature="test_point" if not pin or part.upper().startswith("TP") else "pad",
     )  # fmt: skip
+
+
+def _cell(row: list[str], table: _Table, column: str) -> str:
+    index = table.columns.get(column)
+    return row[index].strip() if index is not None and index < len(row) else ""
 
 
 def _name(name: str, pin: str, number: int) -> tuple[str, str]:
@@ -213,22 +225,24 @@ def _name(name: str, pin: str, number: int) -> tuple[str, str]:
     return (found[1], found[2]) if found else (name, "")
 
 
-def _side(text: str) -> frozenset[Literal["top", "bottom"]]:
+def _side(text: str) -> frozenset[Literal["top", "bottom"]] | None:
+    """Return the sides that a word says, None for a word that says none."""
     word = text.lower()
     if re.search(r"both|multi|\*|all|thr", word):
         return BOTH
-    if re.search(r"bot|back|b\.cu|solder|^b$|sec", word):
+    if re.search(r"bot|back|b\.cu|solder|^b$|sec|unten|unter|löt", word):
         return BOTTOM
-    return TOP if re.search(r"top|front|f\.cu|comp|^t$|^f$|prim", word) else BOTH
+    return TOP if re.search(r"top|front|f\.cu|comp|^t$|^f$|prim|oben|ober|bestückung", word) else None
 
 
 def _length_mm(text: str, unit_mm: float) -> float | None:
     found = re.fullmatch(r"([-+]?[\d.,]+(?:e[-+]?\d+)?)\s*([a-z\"]*)", text.strip().lower())
     if not found:
         return None
-    number = (
-        found[1].replace(",", ".") if found[1].count(",") == 1 and "." not in found[1] else found[1].replace(",", "")
-    )
+    number = found[1]
+    if number.count(",") == 1 and number.rfind(",") > number.rfind("."):
+        number = number.replace(".", "").replace(",", ".")
+    number = number.replace(",", "")
     try:
         return float(number) * _UNIT_MM.get(found[2], unit_mm)
     except ValueError:

@@ -28,7 +28,9 @@ from daemon.tools.cad.origins import all_pads, check_origins, check_sides
 from daemon.tools.cad.pins import moved
 from daemon.tools.cad.role_file import ROLE_FILE, RoleFile, write_role_file
 from daemon.tools.cad.roles import Roles, find_roles, named_files
+from daemon.tools.cad.strays import without_strays
 from daemon.tools.cad.told_holes import add_told_holes
+from daemon.tools.cad.unsaid_sides import with_sides
 
 NO_LAYERS: Mapping[str, Path | Sequence[Path]] = MappingProxyType({})
 
@@ -65,19 +67,23 @@ def _put_together(path: Path, folder: CadFolder, roles: Roles, drawn: Layers, *,
     doubts = check_drills(read.files, drawn.copper(), pads, outline.shapes if outline.file else ())
     roles.unused |= set(roles.files("outline")) - {outline.file}  # a frame, a keep-out, a mechanical drawing
     named = find_pins(folder, roles, drawn.copper(), drills)
-    fit = fit_netlist(named.pins, Metal(holes, drawn.pads()), named.source, named.scales)
-    pins = moved(named.pins, fit.shift_mm, fit.scale)
+    metal = Metal(holes, drawn.pads())
+    fit = fit_netlist(named.pins, metal, named.source, named.scales)
+    pins, unsided = with_sides(moved(named.pins, fit.shift_mm, fit.scale), named.unsaid, metal, named.source)
     panel = panel_of(fit, pins, outline.shapes)
     if copy is not None:
         panel, pins = on_copy(panel, pins, copy, folder.path)
         pins = with_nets_of(pins, moved(named.every, fit.shift_mm, fit.scale)) if named.every else pins
         pins = renamed(pins, drawn.copper()) if named.each_copy else pins
     pins, differing = complete_names(pins, drawn.copper(), named.source)
+    told_apart = drawn.copper() if named.source in roles.of else {}  # the copper's own names lie where it draws them
+    pins, strays = without_strays(pins, metal, told_apart, named.source)
     drills, missing = add_told_holes(drills, pins, named.source)
     told = [outline.note] if outline.note else []
     notes = [
-        *drawn.notes, *read.notes, *doubts, *missing, *told, *named.notes, *differing, *_fit_notes(fit, named.source),
-        *_panel_notes(panel, fit, named),
+        *drawn.notes, *read.notes, *doubts, *missing, *told, *named.notes, *unsided, *differing,
+        *strays,
+        *_fit_notes(fit, named.source), *_panel_notes(panel, fit, named),
     ]  # fmt: skip
     cad = Cad(
         name=folder.name, folder=path, layers=drawn.shapes, drills=tuple(drills),
@@ -101,6 +107,11 @@ def _fit_notes(fit: Fit, source: str) -> list[str]:
         )
     if fit.share < 0.8:
         notes.append(f"only {fit.share:.0%} of the places in {source} have a pad or a hole in the layers")
+    notes += [
+        f"only {met} of the {count} pads that {source} names on the {side} have one there; "
+        "export it from the same state of the board"
+        for side, (met, count) in fit.poor.items()
+    ]
     return notes
 
 

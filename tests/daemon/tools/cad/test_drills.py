@@ -1,6 +1,7 @@
 """Drill files of any format and spelling are read so that they meet the copper; what does not is refused."""
 
 import json
+import math
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -73,6 +74,7 @@ SLOTS = {
     "end without y": ["T01", "X66.0Y44.0G85X68.0"],
     "on the next line": ["T01", "X66.0Y44.0", "G85X68.0Y44.0"],
     "on the line after": ["T01", "X66.0Y44.0", "G85", "X68.0Y44.0"],
+    "both ends after it": ["T01", "G85X66.0Y44.0X68.0Y44.0"],
     "with blanks": ["T01", "X66.0Y44.0 G85 X68.0Y44.0"],
     "routed with plunge": ["T01", "G00X66.0Y44.0", "M15", "G01X68.0Y44.0", "M16", "G05"],
     "routed without plunge": ["T01", "G00X66.0Y44.0", "G01X68.0Y44.0", "G05"],
@@ -265,6 +267,82 @@ def test_drills_in_gerber_are_holes_and_slots(tmp_path: Path) -> None:
     cad = read_cad(with_drills(tmp_path, "\n".join(lines), "b-drl.gbr"))
     assert holes_in_place(cad)
     assert [(d.x_mm, d.end_x_mm, d.plated) for d in cad.drills if d.end_x_mm] == [(66.0, 68.0, True)]
+
+
+HEADER = "M48\nMETRIC\nT1C1.0\n%\nT1\n"
+
+
+def places(text: str) -> list[tuple[float, float]]:
+    return [(float(h.x), float(h.y)) for h in read_excellon(text).hits]
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "X1.0Y2.0\nX3.0Y2.0", "G93X0Y0\nX1.0Y2.0\nX3.0Y2.0", "G92\nX0.0Y0.0\nX1.0Y2.0\nX3.0Y2.0",
+        "M97,BOARD 2\nX7.0Y7.0\nX1.0Y2.0\nX3.0Y2.0", "X1,0Y2,0\nX3,0Y2,0", "M25\nX1.0Y2.0\nM01\nM02X2.0Y0\nM08",
+        "T0101\nX1.0Y2.0\nX3.0",
+    ],
+)  # fmt: skip
+def test_what_is_no_hit_is_none_and_a_repeated_pattern_is(body: str) -> None:
+    file = read_excellon(f"{HEADER}{body}\nM30\n")
+    assert [(float(h.x), float(h.y), h.tool) for h in file.hits] == [(1.0, 2.0, 1), (3.0, 2.0, 1)]
+
+
+def test_a_pattern_is_repeated_from_its_last_copy() -> None:
+    body = "X9.0Y9.0\nM25\nX1.0Y1.0\nX2.0Y1.0G85X2.5\nM01\nR2M02X10.0\nM02Y5.0\nM08\nX8.0Y8.0\n"
+    assert places(f"{HEADER}{body}M30\n") == [
+        (9, 9), (1, 1), (2, 1), (11, 1), (12, 1), (21, 1), (22, 1), (21, 6), (22, 6), (8, 8)
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(("zeros", "digits", "step"), [("LZ", "012", "00254"), ("TZ", "12000", "2540")])
+def test_steps_count_from_the_end_that_the_file_says(zeros: str, digits: str, step: str) -> None:
+    file = read_excellon(f"M48\nMETRIC,{zeros},000.000\nT1C1.0\n%\nT1\nX{digits}Y0\nR1X{step}\nM30\n")
+    assert file.said.length_mm(file.hits[1].x) == pytest.approx(14.54)
+
+
+@pytest.mark.parametrize("body", ["G93X5.0Y0", "X1.0Y1.0G82X9.0Y9.0", "X1.0Y1.0\nG84X2.0", "M25\nX1Y1\nM01\nM02X5M80"])
+def test_a_line_that_would_be_drilled_wrongly_is_none(body: str) -> None:
+    with pytest.raises(ValueError, match="cannot be read"):
+        read_excellon(f"{HEADER}{body}\nM30\n")
+
+
+def test_a_tool_may_be_written_with_blanks() -> None:
+    assert read_excellon("M48\nMETRIC\nT1 C0.7 F200\n%\nT1\nX1.0Y1.0\nM30\n").tools[1].diameter == 0.7
+
+
+@pytest.mark.parametrize(
+    "turn", ["G03X64.0Y44.0A2.0", "G03X64.0Y44.0I2.0J0", "G02X64.0Y44.0I2.0J0", "G02X64.0Y44.0A2.0"]
+)
+def test_a_way_round_is_cut_round(turn: str, tmp_path: Path) -> None:
+    text = drills(SmallBoard(), DrillStyle(), extra=["G00X60.0Y44.0", "M15", turn, "M16", "G05"])
+    cut = [d for d in read_cad(with_drills(tmp_path, text, "b.drl")).drills if d.end_x_mm is not None]
+    assert len(cut) > 8
+    assert all(math.hypot(d.x_mm - 62.0, d.y_mm - 44.0) == pytest.approx(2.0, abs=0.01) for d in cut)
+    below = "G03" in turn
+    assert all((d.y_mm <= 44.001) if below else (d.y_mm >= 43.999) for d in cut)
+
+
+def test_a_whole_circle_leaves_nothing_in_its_middle(tmp_path: Path) -> None:
+    extra = ["G00X66.0Y44.0", "M15", "G03X66.0Y44.0I1.0J0", "M16", "G05"]
+    cad = read_cad(with_drills(tmp_path, drills(SmallBoard(), DrillStyle(), extra=extra), "b.drl"))
+    (hole,) = [d for d in cad.drills if (d.x_mm, d.y_mm) == (67.0, 44.0)]
+    assert hole.diameter_mm == pytest.approx(4.0)  # the last tool of the file is 2 mm wide
+
+
+@pytest.mark.parametrize(("aperture", "way"), [("O,2.6X1.0", (0.8, 0.0)), ("O,1.0X2.6", (0.0, 0.8))])
+def test_a_flashed_slot_of_a_drill_file_in_gerber_is_a_slot(
+    aperture: str, way: tuple[float, float], tmp_path: Path
+) -> None:
+    text = "%TF.FileFunction,Plated,1,2,PTH*%\n%FSLAX46Y46*%\n%MOMM*%\n"
+    text += f"%ADD10{aperture}*%\nD10*\nX54000000Y34000000D03*\nM02*\n"
+    cad = read_cad(with_drills(tmp_path, text, "b-drl.gbr"))
+    (slot,) = [d for d in cad.drills if d.end_x_mm is not None]
+    ends = sorted([(slot.x_mm, slot.y_mm), (slot.end_x_mm, slot.end_y_mm)])
+    assert ends[0] == pytest.approx((54.0 - way[0], 34.0 - way[1]), abs=0.01)
+    assert ends[1] == pytest.approx((54.0 + way[0], 34.0 + way[1]), abs=0.01)
+    assert slot.diameter_mm == pytest.approx(1.0, abs=0.01)
 
 
 def test_a_file_of_all_holes_beside_those_by_plating_counts_once(tmp_path: Path) -> None:

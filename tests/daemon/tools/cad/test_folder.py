@@ -20,6 +20,8 @@ from tests.daemon.tools.cad.test_tool_folders import whole
 from tests.daemon.tools.cad.tool_folders import INCH25, TOOLS
 
 NAMES = {
+    "MASKTOP.art": "top mask", "SILKBOT.art": "bottom silk", "PASTETOP.art": "top paste",
+    "tsoldermask.gbr": "top mask", "bsoldermask.gbr": "bottom mask", "componentmask.gbr": "top mask",
     "rev-F.Cu.gbr": "top copper", "x-B_Cu.gbr": "bottom copper", "x-In1_Cu.gbr": "inner copper",
     "x-F_Silkscreen.gbr": "top silk", "x-B_Courtyard.gbr": "bottom courtyard", "x-F_Fab.gbr": "top fabrication",
     "x-User_Comments.gbr": "ignored", "x-F_Adhesive.gbr": "ignored", "x-Edge_Cuts.gbr": "outline",
@@ -67,6 +69,16 @@ def zipped(folder: Path, target: Path, root: str = "") -> Path:
 @pytest.mark.parametrize("root", ["", "gerbers/"])
 def test_a_zip_is_read_like_its_folder(root: str, tmp_path: Path) -> None:
     whole(read_cad(zipped(write(tmp_path / "in", TOOLS["altium"]), tmp_path / "order.zip", root)))
+
+
+def test_what_a_packer_puts_beside_the_files_is_not_told(tmp_path: Path) -> None:
+    archive = zipped(write(tmp_path / "in", TOOLS["altium"]), tmp_path / "order.zip", "order/")
+    with zipfile.ZipFile(archive, "a") as more:
+        more.writestr("__MACOSX/order/._b.GTL", b"\0\5\x16\7")
+        more.writestr("order/.DS_Store", b"x")
+    cad = read_cad(archive)
+    whole(cad)
+    assert not any("MACOSX" in note or "DS_Store" in note for note in cad.notes)
 
 
 def test_a_zip_in_a_folder_is_read(tmp_path: Path) -> None:

@@ -145,6 +145,10 @@ DRAWS = {
     "a clear disc": ("X0Y0D02*\nX2000000Y0D01*\n%LPC*%\nX1000000Y0D03*", 2.0 * 0.5 + math.pi * 0.0625 - math.pi / 16),
     "modal operation": ("X0Y0D02*\nX1000000D01*\nX2000000*", 2.0 * 0.5 + math.pi * 0.0625),
     "G54 and leading blanks": ("G54D10*\n X0Y0D02* X2000000Y0D01*", 2.0 * 0.5 + math.pi * 0.0625),
+    **{
+        f"step and repeat, {said}": (f"%SR{said}*%\nX-1000000Y-1000000D03*\n%SR*%", 3 * math.pi / 16)
+        for said in ("X3Y1I1.0", "X3I1.0", "Y3J1.0", "I1.0J0X3Y1", " X3Y1 I+1.0J0")
+    },
     "step and repeat": ("%SRX2Y3I1.0J1.0*%\nX-1000000Y-1000000D03*\n%SR*%", 6 * math.pi / 16),
     "scaled": ("%LS2.0*%\nX0Y0D03*\n%LS1.0*%", math.pi / 4),
 }  # fmt: skip
@@ -204,6 +208,12 @@ def test_eagles_commands_in_comments_do_not_upset_what_follows(comment: str) -> 
     assert layer.shapes[0].round_mm == (1.0, 0.0, 1.0)
 
 
+@pytest.mark.parametrize(("code", "mm"), [("G70", 25.4), ("G71", 1.0)])
+def test_a_unit_that_is_said_after_the_apertures_holds_for_them(code: str, mm: float) -> None:
+    layer = read_gerber(f"%FSLAX33Y33*%\n%SFA1B1*%\n%ASAXBY*%\n%ADD10C,0.5*%\n{code}*\nD10*\nX1000Y0D03*\nM02*\n")
+    assert layer.shapes[0].round_mm == pytest.approx((mm, 0.0, 0.5 * mm))
+
+
 def test_a_rounded_pad_of_several_pieces_is_one_polygon() -> None:
     layer = read_gerber(flash(FLASHES["macro of a rounded rectangle"][0]))
     assert len(layer.shapes) == 1
@@ -214,6 +224,9 @@ def test_a_rounded_pad_of_several_pieces_is_one_polygon() -> None:
     ("text", "says"),
     [
         (HEAD + "%IPNEG*%\nM02*\n", "drawn as a negative"),
+        (HEAD + "%ASAYBX*%\nM02*\n", "its axes are exchanged"),
+        (HEAD + "%SFA2.0B1.0*%\nM02*\n", "scaled as a whole"),
+        (HEAD + "%ADD10C,0.5*%\nD10*\n%SRX3Q2*%\nX0Y0D03*\n%SR*%\nM02*\n", "'SRX3Q2' cannot be drawn"),
         (HEAD + "%ADD11C,1*%\nD10*\nX0Y0D03*\nM02*\n", "an aperture D10 that it does not define"),
         ("G01*\n%ADD10C,0.1*%\nD10*\nX0Y0D02*\nX1Y0D01*\nM02*\n", "no coordinate format"),
         (HEAD + "%AMX*9,1,2*%\n%ADD10X*%\nM02*\n", "no primitive 9"),

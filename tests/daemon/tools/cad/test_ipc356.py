@@ -142,9 +142,15 @@ def test_a_line_that_cannot_be_read_is_named_and_the_rest_is_read(tmp_path: Path
 
 
 @pytest.mark.parametrize(
-    "change", [str.lower, lambda text: text.replace("\n3", "\n  3"), lambda text: text.replace("\n3", "\n\t3")]
+    "change",
+    [
+        str.lower,
+        lambda text: text.replace("\n3", "\n  3"),
+        lambda text: text.replace("\n3", "\n\t3"),
+        lambda text: text.replace("    ", "\t"),
+    ],
 )
-def test_small_letters_and_indents_tell_the_same_pads(change: Callable[[str], str], tmp_path: Path) -> None:
+def test_small_letters_indents_and_tabs_tell_the_same_pads(change: Callable[[str], str], tmp_path: Path) -> None:
     folder = plain_folder(tmp_path)
     wanted = {(p.part, p.pin, p.net, p.x_mm, p.y_mm) for p in read_cad(folder).pins}
     (folder / "b.ipc").write_text(change(netlist(SmallBoard())))

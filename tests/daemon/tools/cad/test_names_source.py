@@ -110,6 +110,16 @@ TABLES = {
     ).replace(".", ","),
     "after a preamble": "Altium Designer Test Point Report\nDate: 1.1.2024\nUnits used: mm\n\n"
     + csv_of('"Net","Name","X Location","Y Location","Side"', '"{net}","{part}.{pin}","{x}","{y}","{side}"'),
+    **{
+        f"after a sentence, {sentence}": f"{sentence}\n"
+        + csv_of("Name,Net,X,Y,Side", "{part}.{pin},{net},{x},{y},{side}", unit_mm)
+        for sentence, unit_mm in (
+            ("Test points; all coordinates in mm", 1.0), ("Reported in mils", 0.0254), ("Made in Germany", 1.0),
+            ("Units: in", 25.4),
+        )
+    },
+    "sides in German": csv_of("Name,Net,X,Y,Seite", "{part}.{pin},{net},{x},{y},{side}").replace(
+        "Top", "Oben").replace("Bottom", "Unten"),
     "a jig maker's": csv_of(
         "source ref des\tsource pad\tnet\tx\ty\tside", "{part}\t{pin}\t{net}\t{x}\t{y}\t{side}"
     ),
@@ -139,6 +149,48 @@ def test_a_list_of_points_names_them(kind: str, tmp_path: Path) -> None:
     assert (by_name["TP2", "1"].x_mm, by_name["TP2", "1"].y_mm) == pytest.approx((71.7, 39.9), abs=0.03)
     assert by_name["TP2", "1"].access == {"bottom"}
     assert any("alone" in note for note in cad.notes)
+
+
+@pytest.mark.parametrize("signs", [",.", ".,"])
+def test_thousands_may_be_set_apart(signs: str, tmp_path: Path) -> None:
+    folder = without_netlist(tmp_path)
+    change = str.maketrans(",.", signs)
+    rows = [
+        f"{p.part}.{p.pin};{p.net};{f'{p.x / 0.0254:,.2f};{p.y / 0.0254:,.2f}'.translate(change)};{p.side}"
+        for p in SmallBoard().placed() if p.part
+    ]  # fmt: skip
+    (folder / "test_points.csv").write_text("\n".join(["Name;Net;X [mil];Y [mil];Side", *rows]))
+    assert names(read_cad(folder)) == PARTS
+
+
+@pytest.mark.parametrize("net", ["IN", "MM"])
+def test_a_nets_name_is_no_unit(net: str, tmp_path: Path) -> None:
+    folder = without_netlist(tmp_path)
+    rows = csv_of("Name,Net,X,Y,Side", "{part}.{pin},{net},{x},{y},{side}", 0.0254).replace("VCC", net)
+    (folder / "test_points.csv").write_text(rows)
+    assert names(read_cad(folder)) == {(part, pin, said.replace("VCC", net)) for part, pin, said in PARTS}
+
+
+FINGERS = tuple(
+    Pad("J2", f"{'AB'[n]}{k + 1}", f"F{2 * k + n}", 18.1 + 1.9 * k, 2.1, 1.0, 2.0, side=side)
+    for n, side in enumerate(("top", "bottom")) for k in range(4)
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("heading", ["Name,Net,X,Y", "Name,Net,X,Y,Side"])
+def test_a_point_of_unsaid_side_that_has_a_pad_on_both_is_left_out_and_told(heading: str, tmp_path: Path) -> None:
+    """Fingers of an edge connector lie back to back, on two nets."""
+    board = SmallBoard((*PADS, *FINGERS))
+    folder = plain_folder(tmp_path, board)
+    (folder / "b.ipc").unlink()
+    rows = "".join(f"{p.part}.{p.pin},{p.net},{p.x},{p.y},{p.side}\n" for p in board.placed() if p.part)
+    (folder / "test_points.csv").write_text(f"{heading}\n{rows}")
+    cad = read_cad(folder)
+    sided = "Side" in heading
+    assert {p.access for p in cad.pins if p.part == "TP2"} == {frozenset(("bottom",))}
+    assert {p.access for p in cad.pins if p.part == "J1"} == {frozenset(("top", "bottom"))} or sided
+    assert sum(p.part == "J2" for p in cad.pins) == (8 if sided else 0)
+    assert sided != any("J2.B4 have a pad on both sides, and test_points.csv does not say" in n for n in cad.notes)
 
 
 def test_a_pads_name_in_a_list_makes_no_test_point_of_it(tmp_path: Path) -> None:
@@ -310,6 +362,15 @@ def test_a_netlist_of_another_state_than_the_copper_is_refused(tmp_path: Path) -
     (folder / "production" / "netlist.ipc").write_text(netlist(other))
     with pytest.raises(ValueError, match=r"name 6 of 15 pads differently \(U1\.1 GND / U1\.1 VCC\): export both"):
         read_cad(folder)
+
+
+def test_a_pad_on_whose_net_netlist_and_copper_differ_has_none(tmp_path: Path) -> None:
+    folder = named_folder(tmp_path)
+    other = replace(SmallBoard(), pads=tuple(replace(p, net="GND") if p.part == "TP1" else p for p in PADS))
+    (folder / "production" / "netlist.ipc").write_text(netlist(other))
+    cad = read_cad(folder)
+    assert ("TP1", "1", "") in names(cad)
+    assert any("name 1 pads differently, whose nets are left open: TP1.1 GND / TP1.1 SDA" in n for n in cad.notes)
 
 
 def test_a_source_that_cannot_be_read_gives_way_to_the_next_and_is_told(tmp_path: Path) -> None:

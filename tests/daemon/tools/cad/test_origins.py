@@ -43,6 +43,16 @@ def test_a_mask_at_another_origin_is_refused_with_the_way(tmp_path: Path) -> Non
         read_cad(folder)
 
 
+def test_masks_that_are_exchanged_are_refused(tmp_path: Path) -> None:
+    folder = plain_folder(tmp_path)
+    (folder / "b.GTS").write_text(layer(SmallBoard(), "bottom", "mask", STYLE))
+    (folder / "b.GBS").write_text(layer(SmallBoard(), "top", "mask", STYLE))
+    with pytest.raises(
+        ValueError, match=r"the bottom mask has its openings on the pads of the top copper \(100% of them"
+    ):
+        read_cad(folder)
+
+
 def test_an_outline_that_does_not_hold_the_pads_is_refused_with_the_way(tmp_path: Path) -> None:
     folder = plain_folder(tmp_path)
     (folder / "b.GKO").unlink()
