@@ -91,12 +91,13 @@ class Searched:
         self.whole = whole
 
     def spectra(self, cells: int) -> Spectra:
-        """Return spectra of the whole side, for windows as wide."""
+        """Return spectra of the whole side, for windows as wide, one of `WINDOWS`."""
         return spectra.for_window(self._spectra, cells)
 
     @cached_property
     def _spectra(self) -> Spectra:
-        return spectra.transform_all(self.whole.search, 1)
+        largest = wide.window((0.0, 0.0), self.whole.search.grid.cell_um, WINDOWS[0][0])
+        return spectra.transform_all(self.whole.search, largest.rows)
 
     @cached_property
     def look(self) -> NDArray[np.float32]:

@@ -67,12 +67,45 @@ def test_the_ratio_by_transforms_is_that_of_the_cells(unknown: bool) -> None:
         assert found[row, column] == pytest.approx(wanted, abs=1e-4)
 
 
-def test_transforms_made_for_one_window_serve_windows_of_any_size() -> None:
+def test_transforms_serve_no_window_larger_than_they_were_made_for() -> None:
+    with pytest.raises(ValueError, match="do not serve one of 15"):
+        spectra.for_window(spectra.transform_all(_fields(47, unknown=False), 14), 15)
+
+
+def test_transforms_made_for_one_window_serve_smaller_ones() -> None:
     planes = _fields(47, unknown=True)
     picture, seen = planes.cover[Material.METAL][5:19, 8:22], np.ones((14, 14), dtype=np.bool_)
     own = spectra.correlation_ratio(spectra.transform_all(planes, 14), picture, seen)
     shared = spectra.correlation_ratio(spectra.for_window(spectra.transform_all(planes, 30), 14), picture, seen)
     assert np.array_equal(own, shared)
+
+
+@pytest.mark.parametrize(
+    ("rows", "columns", "size_of_transforms"),
+    [((20, 38), (6, 55), (30, 60)), ((0, 60), (25, 31), (60, 18)), ((4, 60), (1, 58), (60, 60))],
+)
+def test_the_bench_beside_a_board_is_searched_no_farther_than_windows_see_the_board(
+    rows: tuple[int, int], columns: tuple[int, int], size_of_transforms: tuple[int, int]
+) -> None:
+    blocks, cells, size = _fields(60, unknown=True), 60, 12
+    cover = np.zeros_like(blocks.cover)
+    cover[Material.OFF_BOARD] = 1.0
+    board = np.s_[:, rows[0] : rows[1], columns[0] : columns[1]]
+    cover[board] = blocks.cover[board]
+    # Without metal there is no factor on the ratio.
+    cover[Material.INK] += cover[Material.METAL]
+    cover[Material.METAL] = 0.0
+    rng = np.random.default_rng(6)
+    picture, seen = rng.normal(90.0, 30.0, (size, size)).astype(np.float32), rng.random((size, size)) < 0.8
+    transformed = spectra.transform_all(Planes(blocks.grid, cover), size)
+    found = spectra.correlation_ratio(transformed, picture, seen, metal=False)
+    assert transformed.size == size_of_transforms
+    lags = range(cells - size + 1)
+    for row in lags:
+        for column in lags:
+            there = cover[:, row : row + size, column : column + size]
+            if float((np.delete(there, Material.UNKNOWN, axis=0) * seen).sum()) > 0.3 * size**2:
+                assert found[row, column] == pytest.approx(_ratio(there, picture, seen), abs=1e-4)
 
 
 def test_a_picture_by_another_map_shows_and_hides_what_its_own_would() -> None:
