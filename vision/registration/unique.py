@@ -44,7 +44,7 @@ LEANS_UM = 700.0
 UNIQUE_SCORE = 0.8
 """A place whose nearest rival comes less near to being taken for it counts as found once on the board."""
 MOST_CANDIDATES, MOST_TRIED = 240, 16
-"""Places that are ranked, and those that are tried of each grade; a third of a second each."""
+"""Places that are ranked, and those that are tried of each grade; up to a quarter of a second each."""
 ORDER = ((0, 1.0), (1, 1.0), (0, 0.5), (1, 0.5), (2, 1.0), (0, 0.25), (1, 0.25), (2, 0.5), (2, 0.25))
 """In which places are taken: grade, and how far apart as a share of what is asked. Good ones stand nearer together
 rather than that poor ones come in between, but not so near that one label hides two."""
