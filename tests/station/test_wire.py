@@ -162,6 +162,7 @@ def test_testers_take_turns_and_one_that_floods_is_refused(rig: Rig, client: Cli
         give_up_s = time.monotonic() + EVENTUALLY_S
         while client.request("status")["state"] == "idle":  # what has begun waits no more
             assert time.monotonic() < give_up_s, "it does not begin"
+            time.sleep(0.01)
         for job_id in mine[:-1]:
             client.request("look", id=job_id)
         with pytest.raises(Refused) as refused:
@@ -255,6 +256,7 @@ def _until_idle(key: Path) -> Callable[[Process, str], None]:
                         return
                 except NoAnswer:
                     continue
+                time.sleep(0.02)  # who asks without a pause is refused after 2,000 times, where a start is slow
         raise AssertionError(process.last_words())
 
     return wait
