@@ -231,8 +231,9 @@ class Station:
     async def see_lifted(self, caller: Clocked) -> None:
         """Lift straight up, and see that the pin is free; raise `Fault` if it is not, or is not seen.
 
-        The drive's count is no proof: an axis that lost steps counts on. Nor is a look of a push that is small: where
-        a touch sense is fitted, it is asked too.
+        One that is not seen where it was lifted to is lifted on, to the safe height, and stays there. The drive's count
+        is no proof: an axis that lost steps counts on. Nor is a look of a push that is small: where a touch sense is
+        fitted, it is asked too.
         """
         if self.needle.free_pin is not None:
             await self._see_lifted(self.needle.free_pin, caller)

@@ -156,9 +156,9 @@ class Gantry:
         """Move to an absolute place and give where the drives report to be.
 
         X, Y and theta come to it from below, from as far as `approach` says (None: the configuration); those in
-        `from_above` from above, to measure backlash. Z goes down slowly
-        below `slow_z_um`: the highest that the surface can be there, None where only the configuration says it.
-        `clear` is asked once how low the way across may be; None: it goes at the safe height.
+        `from_above` from above, to measure backlash. Z goes down slowly below `slow_z_um`: the highest that the surface
+        can be there, None where only the configuration says it. `clear` is asked once how low the way across may be;
+        None: it goes at the safe height.
 
         Raises EnvelopeViolation, NotHomed or EmergencyStop before anything moves, MotionTimeout at the deadline, and
         what the axes raise. Cancellation stops all axes first.

@@ -76,8 +76,8 @@ def transform(planes: Planes, about_um: tuple[float, float]) -> Spectra:
 def transform_all(planes: Planes, window_cells: int) -> Spectra:
     """Prepare the search of a square window all over square planes.
 
-    What is transformed repeats without end. Beside the board all is alike, so that it may begin anew as soon as no
-    window sees two boards, which is sooner than the planes end.
+    The transform takes what it is given to repeat without end. Beside the board all is alike, so that less than the
+    planes is enough: the next board only has to begin where no window sees both.
     """
     window = planes.grid.part(slice(0, window_cells), slice(0, window_cells))
     cells = planes.grid.rows
@@ -88,7 +88,7 @@ def transform_all(planes: Planes, window_cells: int) -> Spectra:
 
 
 def _period(board: slice, first: int, window_cells: int, cells: int) -> int:
-    """Return after how many cells what begins at `first` may begin anew: it has the board, and the bench once."""
+    """Return how many cells from `first` on are transformed: the board, and the bench beside it once."""
     # What the last window sees behind the board may be the bench before it.
     seen = min(board.stop - 1 + window_cells, cells) - board.start
     return int(max(seen, board.stop - first, window_cells))

@@ -154,7 +154,7 @@ def _fill_up(guesses: list[_Guess], trials: dict[int, Trial], chosen: list[int],
     """Add those of the others whose rivals come least near, no two nearer than told, until there are enough."""
     others = [n for n in trials if n not in chosen]
     while len(chosen) < count and (others := [n for n in others if _far(guesses[n], _of(guesses, chosen), apart_um)]):
-        # How near a rival comes is known from below until the trial has ended: whoever leads goes on, or has won.
+        # A trial that has not ended may still find a nearer rival: the place that leads is tried further, or has won.
         least = min(others, key=lambda n: trials[n].nearness)
         if trials[least].ended:
             chosen.append(least)

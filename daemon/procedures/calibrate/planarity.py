@@ -123,11 +123,9 @@ async def _press(context: StationContext, search: SurfaceSearch, point: BoardPoi
 async def _allowed_places(
     job: JobContext, context: StationContext, request: Calibrate
 ) -> tuple[list[BoardPoint], list[BoardPoint]]:
-    """Choose places within reach of which no person forbade any to the needle; for one that was others are drawn.
+    """Return places, and the pins that are touched beside them, all within reach; none that a person forbade.
 
-    Returns the places, and the pins that are touched beside them.
-
-    Where too few are within reach the check that follows says what is not.
+    For one that was forbidden others are drawn. Where too few are within reach the check that follows says what is not.
     """
     board, seed = context.board, request.id
     whole = _roomy(context, surface_points(board))

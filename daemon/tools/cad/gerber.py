@@ -87,7 +87,7 @@ class _Reader:
         elif command.startswith("IPNEG"):
             raise CannotDrawError("it is drawn as a negative (%IPNEG*%); export it as a positive")
         elif kind == "AS" and not command.startswith("ASAXBY"):
-            raise CannotDrawError(f"its axes are exchanged (%{command}*%); export it anew, as seen from the top")
+            raise CannotDrawError(f"its axes are exchanged (%{command}*%); export it again, as seen from the top")
         elif kind == "SF" and any(float(n) != 1.0 for n in re.findall(r"[AB]([\d.]+)", command)):
             raise CannotDrawError(f"it is scaled as a whole (%{command}*%); export it in its true size")
 

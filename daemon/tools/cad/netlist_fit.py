@@ -194,7 +194,7 @@ def _poor_sides(cloud: _Cloud, fit: Fit, name: str) -> dict[Side, tuple[int, int
         if count >= _FEW and (how or share < _ENOUGH):
             raise ValueError(
                 f"{name} does not fit the {side}: {share:.0%} of the {count} pads that it names there have one"
-                f"{how or ''}, of all its places {fit.share:.0%}; export netlist and Gerbers anew, all seen from the "
+                f"{how or ''}, of all its places {fit.share:.0%}; export netlist and Gerbers again, all seen from the "
                 "top, with one origin"
             )
         poor[side] = round(share * count), count

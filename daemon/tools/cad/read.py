@@ -81,8 +81,7 @@ def _put_together(path: Path, folder: CadFolder, roles: Roles, drawn: Layers, *,
     drills, missing = add_told_holes(drills, pins, named.source)
     told = [outline.note] if outline.note else []
     notes = [
-        *drawn.notes, *read.notes, *doubts, *missing, *told, *named.notes, *unsided, *differing,
-        *strays,
+        *drawn.notes, *read.notes, *doubts, *missing, *told, *named.notes, *unsided, *differing, *strays,
         *_fit_notes(fit, named.source), *_panel_notes(panel, fit, named),
     ]  # fmt: skip
     cad = Cad(
