@@ -31,7 +31,6 @@ from daemon.procedures.press_readers import PressReader
 from daemon.procedures.seat_state import seat_shifts
 from daemon.procedures.tare import what_was_read
 from daemon.procedures.touched_pad import TouchedPad
-from daemon.station.needle import HEIGHT_WINDOW_UM
 from daemon.station.needle_health import NeedleHealth
 from drivers.gantry import Position
 
@@ -198,8 +197,6 @@ class PointUnderTest:
     async def touch(self, here: Position, rung: Rung, press_um: float) -> None:
         """Lower the needle from where it hovers, and read."""
         await self.context.station.see_lifted(self.job)  # where the pin stands now is else no place of a free one
-        lifted = await self.context.station.last_position(self.job)
-        here = lifted if lifted.z_um > here.z_um + HEIGHT_WINDOW_UM else here  # the tip was seen from above alone
         look = self.job.last_look
         above = here if self._seen and look is not None and look.position == here else await self._hover(here)
         ground = self._ground(above)

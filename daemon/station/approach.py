@@ -35,7 +35,8 @@ def approach_of(gantry: GantrySection, in_force: InForce, max_age_days: float) -
 
 
 def _age_of(record: BacklashRecord) -> timedelta:
-    return datetime.now(UTC) - datetime.fromisoformat(record.made_at)
+    made = datetime.fromisoformat(record.made_at)
+    return datetime.now(UTC) - (made if made.tzinfo is not None else made.replace(tzinfo=UTC))
 
 
 def _asked_for_um(play: AxisBacklash) -> float:

@@ -231,9 +231,8 @@ class Station:
     async def see_lifted(self, caller: Clocked) -> None:
         """Lift straight up, and see that the pin is free; raise `Fault` if it is not, or is not seen.
 
-        One that is not seen where it was lifted to is lifted on, to the safe height, and stays there. The drive's count
-        is no proof: an axis that lost steps counts on. Nor is a look of a push that is small: where a touch sense is
-        fitted, it is asked too.
+        The drive's count is no proof: an axis that lost steps counts on. Nor is a look of a push that is small: where
+        a touch sense is fitted, it is asked too.
         """
         if self.needle.free_pin is not None:
             await self._see_lifted(self.needle.free_pin, caller)
@@ -244,18 +243,17 @@ class Station:
         if position.z_um < free.z_um:
             with caller.watch.spend("motion"):
                 position = await self._move(replace(position, z_um=free.z_um), caller.deadline)
-        tip = await self._tip_above(position, free, caller)
-        if tip is None and position.z_um < self._gantry_section.safe_z_um:
-            # Pads as bright as the needle hide it near by. That it hangs free up there proves no exact height any more.
-            self.needle.board.end()
-            with caller.watch.spend("motion"):
-                position = await self._move(replace(position, z_um=self._gantry_section.safe_z_um), caller.deadline)
-            tip = await self._tip_above(position, free, caller)
-        if tip is not None and free.shows_free(tip):
-            await self.refuse_metal(caller)
-            self.needle.free_pin = None
-            return
-        if tip is None:
+        off_px: float | None = None
+        for _ in range(LOOKS_FOR_FREE):
+            tip = (await self.look_white(position, free.model, None, caller)).tip
+            if not isinstance(tip, Tip):
+                continue  # a glint may hide it in one picture
+            off_px = free.off_px(tip)
+            if free.shows_free(tip):
+                await self.refuse_metal(caller)
+                self.needle.free_pin = None
+                return
+        if off_px is None:
             raise Fault(
                 FaultCode.TIP_NOT_FOUND,
                 "after a press, or where it had not been seen, the tip was not found above either: nobody knows "
@@ -267,21 +265,11 @@ class Station:
         raise Fault(
             FaultCode.AXIS_STALLED,
             f"Z did not lift the needle: by its count it is at {position.z_um / 1e3:.2f} mm, but the tip stands "
-            f"{free.off_px(tip):.1f} px from its free place in the picture",
+            f"{off_px:.1f} px from its free place in the picture",
             advice="lift Z by hand, find what blocks it, then `reset` and `home`",
             axis="z",
-            off_px=round(free.off_px(tip), 2),
+            off_px=round(off_px, 2),
         )
-
-    async def _tip_above(self, position: Position, free: FreePin, caller: Clocked) -> Tip | None:
-        """Look for the tip; return one that is seen free, or else the last one, None if there was none."""
-        seen: Tip | None = None
-        for _ in range(LOOKS_FOR_FREE):
-            tip = (await self.look_white(position, free.model, None, caller)).tip
-            seen = tip if isinstance(tip, Tip) else seen  # a glint may hide it in one picture
-            if seen is not None and free.shows_free(seen):
-                break
-        return seen
 
     async def refuse_metal(self, caller: Clocked) -> None:
         """Raise `Fault` if a needle that was lifted after a press still feels metal; without a sense nothing is asked.

@@ -32,7 +32,7 @@ from daemon.storage.calibration_records import SurfaceRecord, Touch
 from daemon.wire.operations.jobs import Calibrate
 from drivers.errors import EnvelopeViolation
 from drivers.gantry import Position
-from vision.geometry import Array, PoseMap, Surface, fit_plane
+from vision.geometry import Array, Surface, fit_plane
 
 PLANAR_WITHIN_UM = 50.0
 """Two pixels of the tip's place: the thesis' measure of the same height, on its camera."""
@@ -45,8 +45,6 @@ COVERING, MORE_PADS = 10, 5
 three pads leave a corner of a large board out."""
 BELIEVED_UM = 0.95 * EXTRAPOLATED_UM
 """A little less far is a plane drawn for: where the board really lies the places are not quite these."""
-FARTHER_OUT = 4
-"""Pins, at most, that are touched beside the places, so that those at the board's ends are not left out."""
 FAR_UM = 10_000.0
 """A plane is believed no farther beyond what was touched."""
 
@@ -66,41 +64,27 @@ async def measure_surface(job: JobContext, context: StationContext, request: Cal
     board = context.board
     # Of a board that was exchanged, or whose alignment was refused, nobody knows what lies below a place.
     await require_board(context, None)
-    needed, farther = await _allowed_places(job, context, request)
-    sigma_um = require_spread(needed, board, context.gantry.surface_range_um)
-    points = [*needed, *farther]
+    points = await _allowed_places(job, context, request)
+    sigma_um = require_spread(points, board, context.gantry.surface_range_um)
     places = [context.geometry.position_over(point.place_um, request.theta_deg) for point in points]
-    sequence = MoveSequence(job, context)
+    sequence, pushes = MoveSequence(job, context), []
+    search = SurfaceSearch(sequence, pose_map)
     for place in places:
         context.station.check(replace(place, z_um=context.gantry.free_z_um))
         context.station.check(replace(place, z_um=context.gantry.touch_z_um - press_um))
     job.fire(Event.ACCEPTED)
     began = Began.now(job)
-    pushes = await _touch(sequence, pose_map, points, places, len(needed))
-    # No look tells a push of some um, such as a few lost steps of Z would leave behind just above the board
-    await sequence.go(replace(pushes[-1].place, z_um=context.gantry.safe_z_um))
-    heights = np.array(heights_um(pushes, pose_map, press_um, context.gantry.touch_z_um))
-    where = np.array([context.geometry.tip_um(push.place) for push in pushes])
-    believed = _believed(where, heights, len(needed))
-    where, heights = where[believed], heights[believed]
-    record = _record(_plane(where, heights), where, heights.tolist(), began.facts(job, context))
-    kept = await keep(job, context, record)
-    return Outcome("calibrated", detail=_told(record) | {"sigma_um": round(sigma_um, 1)} | kept)
-
-
-async def _touch(
-    sequence: MoveSequence, pose_map: PoseMap, points: Sequence[BoardPoint], places: Sequence[Position], needed: int
-) -> list[Push]:
-    """Touch the places; what is not seen before its ground is left out if it comes after the needed ones."""
-    job, context, search, pushes = sequence.job, sequence.context, SurfaceSearch(sequence, pose_map), list[Push]()
     for n, (point, place) in enumerate(zip(points, places, strict=True)):
         job.progress(n, len(places), f"touching {point.name}")
-        try:
-            pushes.append(await _press(context, search, point, place))
-        except Fault as fault:
-            if fault.kind is not FaultCode.TIP_NOT_FOUND or n < needed:
-                raise
-    return pushes
+        pushes.append(await _press(context, search, point, place))
+    # No look tells a push of some um, such as a few lost steps of Z would leave behind just above the board
+    await sequence.go(replace(pushes[-1].place, z_um=context.gantry.safe_z_um))
+    heights = heights_um(pushes, pose_map, press_um, context.gantry.touch_z_um)
+    where = np.array([context.geometry.tip_um(push.place) for push in pushes])
+    surface = _plane(where, np.array(heights))
+    record = _record(surface, where, heights, began.facts(job, context))
+    kept = await keep(job, context, record)
+    return Outcome("calibrated", detail=_told(record) | {"sigma_um": round(sigma_um, 1)} | kept)
 
 
 async def _press(context: StationContext, search: SurfaceSearch, point: BoardPoint, place: Position) -> Push:
@@ -120,12 +104,10 @@ async def _press(context: StationContext, search: SurfaceSearch, point: BoardPoi
     raise unseen
 
 
-async def _allowed_places(
-    job: JobContext, context: StationContext, request: Calibrate
-) -> tuple[list[BoardPoint], list[BoardPoint]]:
-    """Return places, and the pins that are touched beside them, all within reach; none that a person forbade.
+async def _allowed_places(job: JobContext, context: StationContext, request: Calibrate) -> list[BoardPoint]:
+    """Choose places within reach of which no person forbade any to the needle; for one that was others are drawn.
 
-    For one that was forbidden others are drawn. Where too few are within reach the check that follows says what is not.
+    Where too few are within reach the check that follows says what is not.
     """
     board, seed = context.board, request.id
     whole = _roomy(context, surface_points(board))
@@ -134,11 +116,10 @@ async def _allowed_places(
         offered = whole
     while True:
         points = choose_places(offered, board, request.places, seed)
-        farther = farther_out(offered, points)
-        marks = [await job.mark_of(board.name, board.side, point.name) for point in (*points, *farther)]
+        marks = [await job.mark_of(board.name, board.side, point.name) for point in points]
         forbidden = {mark.point for mark in marks if mark is not None and mark.forbids}
         if not forbidden:
-            return points, farther
+            return points
         offered = offered.without(forbidden)
 
 
@@ -175,14 +156,6 @@ def choose_places(offered: SurfacePoints, board: Board, count: int, seed: str) -
         if sigma_of(chosen, board) <= SURE_WITHIN_UM:
             break
     return chosen
-
-
-def farther_out(offered: SurfacePoints, chosen: Sequence[BoardPoint]) -> list[BoardPoint]:
-    """Return the pins at the board's ends beyond which the chosen places tell nothing of its height.
-
-    A mounting hole, a battery's holder: the head goes there as well, and no pad may be near.
-    """
-    return _farthest_beyond(offered.pins, chosen, FARTHER_OUT) if offered.pins else []
 
 
 def _best_draw(
@@ -270,16 +243,6 @@ def _far_apart(pads: Sequence[BoardPoint], points: Sequence[BoardPoint], count: 
 
 def _away_um(pad: BoardPoint, points: Sequence[BoardPoint]) -> float:
     return min((dist(pad.place_um, point.place_um) for point in points), default=inf)
-
-
-def _believed(places: Array, heights: Array, needed: int) -> list[int]:
-    """Return the numbers of the touches that count: those needed, and of those farther out what lies in their plane.
-
-    What solder stands on a pin varies most, and one far out turns the plane of all others before it shows.
-    """
-    surface = _plane(places[:needed], heights[:needed])
-    off_um = [h - surface.height_um(float(x), float(y)) for (x, y), h in zip(places, heights, strict=True)]
-    return [n for n, off in enumerate(off_um) if n < needed or abs(off) <= PLANAR_WITHIN_UM]
 
 
 def _plane(places: Array, heights: Array) -> Surface:

@@ -139,12 +139,7 @@ class Calibrate(JobRequest):
     )
     model: Literal["auto", "fourier", "array", "circle"] = Field(default="auto", description="rotation: what to fit")
     resume: bool = Field(default=True, description="rotation: go on where an interrupted run ended")
-    places: Whole = Field(
-        default=12,
-        ge=4,
-        le=200,
-        description="surface: how many places to touch; beside them up to 4 pins at the ends of a board",
-    )
+    places: Whole = Field(default=12, ge=4, le=200, description="surface: how many places to touch")
 
     @model_validator(mode="after")
     def _complete(self) -> Self:

@@ -164,6 +164,8 @@ class FakeGantry:
     """Of each move: below which height Z went down slowly."""
     clear_um: list[float | None] = field(default_factory=list)
     """Of each move: how low it may go across, None where nobody knows."""
+    approaches: list[Approach | None] = field(default_factory=list)
+    """Of each move: from how far it was to come, None for as far as configured."""
     sticks_at_um: float | None = None
     """Z stays there from now on, whatever it is told, and counts on: lost steps."""
     lost_z_um: float = 0.0
@@ -226,9 +228,10 @@ class FakeGantry:
         from_above: frozenset[str] = frozenset(),
         slow_z_um: float | None = None,
         clear: ClearHeight | None = None,
-        approach: Approach | None = None,  # noqa: ARG002
+        approach: Approach | None = None,
     ) -> Position:
         self.asked.append(deadline)
+        self.approaches.append(approach)
         self.slow_z_um.append(self.config.gantry.highest_surface_um if slow_z_um is None else slow_z_um)
         self.moves.append((target, from_above))
         self.clear_um.append(None if clear is None else clear([self.reported, target]))

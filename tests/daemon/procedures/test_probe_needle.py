@@ -18,7 +18,6 @@ from daemon.procedures.point_under_test import PointUnderTest
 from daemon.procedures.probe_point import admit_probing
 from daemon.procedures.reference_pad import check_needle
 from daemon.procedures.registry import PROCEDURES
-from daemon.station.allowance import Clocked
 from daemon.station.free_pin import FreePin
 from daemon.station.kinematics import Geometry
 from daemon.station.needle import Needle, NeedlePlace
@@ -246,7 +245,7 @@ async def test_a_tip_that_is_hidden_before_the_way_to_the_reference_pad_is_a_ver
 
     def glint(look: LookResult) -> LookResult:
         lifted = line.presses_on("A") > 1 and not line.is_down and look.red is None
-        if not lifted or hidden[0] >= 2 * LOOKS_FOR_FREE:  # near by, and from the safe height
+        if not lifted or hidden[0] >= LOOKS_FOR_FREE:
             return look
         hidden[0] += 1
         return replace(look, tip=NotFound(Reason.NO_NEEDLE, "a glint"))
@@ -256,27 +255,5 @@ async def test_a_tip_that_is_hidden_before_the_way_to_the_reference_pad_is_a_ver
     ladder = line.world.context.config.ladder.model_copy(update={"order": (Rung.LOOK, Rung.REFERENCE)})
     line.without(ladder=ladder)
     record = await line.probe("A")
-    assert hidden[0] == 2 * LOOKS_FOR_FREE
+    assert hidden[0] == LOOKS_FOR_FREE
     assert (record.verdict, record.fault) == (PointVerdict.CONTACT_NOT_MADE, "tip_not_found")
-
-
-async def test_a_needle_that_was_seen_free_from_above_alone_is_seen_at_the_height_of_looks_before_it_is_pressed(
-    line: Line, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """What was lifted to the safe height to be seen does not stand where the last look was."""
-    station, safe_um = line.world.station, line.world.context.gantry.safe_z_um
-    look_um, see_lifted = line.world.geometry.look_z_um(line.world.pad_um("A")), station.see_lifted
-    raised_at: list[int] = []
-
-    async def from_above(caller: Clocked) -> None:
-        await see_lifted(caller)
-        if not raised_at:
-            here = await station.last_position(caller)
-            await station.go(replace(here, z_um=safe_um), caller)
-            raised_at.append(len(line.world.gantry.moves))
-
-    monkeypatch.setattr(station, "see_lifted", from_above)
-    assert (await line.probe("A")).verdict is PointVerdict.PASS_FIRST
-    down = [to.z_um for to, _ in line.world.gantry.moves[raised_at[0] :]]
-    assert down[0] == pytest.approx(look_um, abs=1.0)
-    assert min(down) < look_um - 100.0, "and then it is pressed"

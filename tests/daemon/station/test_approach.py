@@ -50,6 +50,14 @@ def test_an_axis_with_hardly_any_play_needs_none() -> None:
     assert approach.y_um > 7.0, "nobody knows that it has none"
 
 
+def test_a_time_without_a_zone_is_taken_as_utc() -> None:
+    """As everywhere: a record of an old station or by hand must not keep the head from moving."""
+    told = _measured(_play(1.0, 1.0), _play(1.0, 1.0))
+    record = told.records["backlash"]
+    naive = record.model_copy(update={"made_at": record.made_at.removesuffix("+00:00")})
+    assert approach_of(GANTRY, replace(told, records=MappingProxyType({"backlash": naive})), DAYS).x_um == 0.0
+
+
 @pytest.mark.parametrize("days_ago", [31.0, 400.0])
 def test_what_was_measured_too_long_ago_counts_no_longer(days_ago: float) -> None:
     assert approach_of(GANTRY, _measured(_play(1.0, 1.0), _play(1.0, 1.0), days_ago), DAYS) == AS_CONFIGURED

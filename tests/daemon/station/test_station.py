@@ -14,9 +14,10 @@ from daemon.platform.clock import Stopwatch
 from daemon.station.allowance import Allowance
 from daemon.station.free_pin import FreePin
 from daemon.station.needle import NeedlePlace
+from daemon.station.station import Station
 from drivers.deadline import Deadline
 from drivers.errors import EnvelopeViolation, Stalled
-from drivers.gantry import Position
+from drivers.gantry import Approach, Position
 from tests.daemon.procedures.fake_station import (
     probe_model,
 )
@@ -31,6 +32,15 @@ async def test_a_move_goes_to_its_target_under_the_callers_deadline_and_is_booke
     assert bench.gantry.asked == [bench.caller.deadline] * 2
     assert bench.booked_ms("motion") is not None
     assert bench.booked_ms("bus") is None
+
+
+async def test_a_move_comes_from_as_far_as_is_known_at_its_time(bench: Bench) -> None:
+    known: list[Approach | None] = [Approach(60.0, 0.0, 0.5), None]
+    station = Station(bench.config, bench.hardware, approach=lambda: known.pop(0))
+    station.needle.reported(HERE)
+    await station.go(replace(HERE, x_um=49_000.0), bench.caller)
+    await station.go(HERE, bench.caller)
+    assert bench.gantry.approaches == [Approach(60.0, 0.0, 0.5), None]
 
 
 BESIDE = [replace(HERE, x_um=50_010.0), replace(HERE, y_um=39_990.0), replace(HERE, theta_deg=1.0)]

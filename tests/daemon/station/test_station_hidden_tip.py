@@ -9,7 +9,6 @@ import pytest
 
 from daemon.domain.errors import Fault, FaultCode
 from daemon.station.free_pin import FreePin
-from daemon.station.station import LOOKS_FOR_FREE
 from tests.daemon.procedures.fake_station import (
     found_tip,
     missing,
@@ -133,23 +132,3 @@ async def test_a_tip_known_by_its_marking_is_free_within_what_that_tells(
     with pytest.raises(Fault) as caught:
         await bench.station.go(SIDEWAYS, bench.caller)
     assert caught.value.kind is FaultCode.AXIS_STALLED
-
-
-@pytest.mark.parametrize(
-    ("above", "kind"), [(AT_TAUGHT, None), (PUSHED, FaultCode.AXIS_STALLED), (HIDDEN, FaultCode.TIP_NOT_FOUND)]
-)
-async def test_a_tip_that_the_ground_hides_after_a_press_is_looked_for_from_the_safe_height(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch, above: Any, kind: FaultCode | None
-) -> None:
-    """Before a connector's pins, as bright as the needle, a run of a whole board had ended."""
-    _seeing(bench, monkeypatch, *[HIDDEN] * LOOKS_FOR_FREE, above)
-    bench.station.pressing(FreePin(probe_model(), (800.0, 600.0), 2.0, HERE.z_um))
-    if kind is None:
-        await bench.station.see_lifted(bench.caller)
-        await bench.station.go(SIDEWAYS, bench.caller)
-    else:
-        with pytest.raises(Fault) as caught:
-            await bench.station.see_lifted(bench.caller)
-        assert caught.value.kind is kind
-    went = [to for to, _ in bench.gantry.moves]
-    assert went == [replace(HERE, z_um=12_000.0), *([SIDEWAYS] if kind is None else [])]

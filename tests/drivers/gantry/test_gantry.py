@@ -13,7 +13,7 @@ from drivers.errors import (
     NotHomed,
     Stalled,
 )
-from drivers.gantry import Gantry, GantryConfig, Position
+from drivers.gantry import Approach, Gantry, GantryConfig, Position
 from drivers.l4118 import Axis, AxisConfig, HomingConfig
 from tests.drivers.conftest import MakeLine, OpenBus
 from tests.drivers.gantry.machine import AXES, PLACE, Machine, make_machine
@@ -76,6 +76,20 @@ async def test_a_move_ends_on_its_target_on_a_safe_way(homed: Machine, soon: Dea
     assert moves[0] == "z"
     assert moves[-1] == "z"
     assert moves.count("x") == 2
+
+
+@pytest.mark.parametrize(
+    ("approach", "times"), [(None, 2), (Approach(60.0, 60.0, 0.5), 2), (Approach(0.0, 0.0, 0.0), 1)]
+)
+async def test_a_move_down_an_axis_turns_back_below_its_target_where_its_play_asks_for_it(
+    homed: Machine, soon: Deadline, approach: Approach | None, times: int
+) -> None:
+    await homed.gantry.move_to(PLACE, soon)
+    order: list[str] = []
+    homed.drives["x"].log = _Recorder("x", order)
+    await homed.gantry.move_to(dataclasses.replace(PLACE, x_um=50000.0), soon, approach=approach)
+    assert [entry.split()[0] for _, entry in order].count("move") == times
+    assert homed.at("x") == pytest.approx(50000.0, abs=0.01)
 
 
 async def test_a_pure_z_move_leaves_the_others_alone(homed: Machine, soon: Deadline) -> None:

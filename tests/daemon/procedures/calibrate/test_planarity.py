@@ -18,7 +18,7 @@ from daemon.domain.point_mark import Mark, PointMark
 from daemon.domain.states import Event
 from daemon.domain.surface_points import LEAST_PINS, SurfacePoints, surface_points
 from daemon.procedures.calibrate import planarity
-from daemon.procedures.calibrate.planarity import FARTHER_OUT, choose_places, farther_out
+from daemon.procedures.calibrate.planarity import choose_places
 from daemon.procedures.calibrate.spread import SURE_WITHIN_UM, TOUCH_SIGMA_UM, plane_sigma_um, require_spread
 from daemon.procedures.registry import PROCEDURES
 from daemon.station.kinematics import EXTRAPOLATED_UM, beyond_um
@@ -555,73 +555,3 @@ async def test_a_pad_that_is_told_to_stand_up_says_nothing_of_the_surface(tmp_pa
     ran = await _measure(_world(tmp_path, board.model_copy(update={"points": listed})))
     assert ran.got.detail["places"] == len(GRID) - 1
     assert not any("P11" in what for _, _, what in ran.progress)
-
-
-HOLES = _points("pin", (2_000.0, 20_000.0), (2_000.0, 48_000.0), (60_000.0, 48_000.0))
-"""Far beyond all pads: a mounting hole, or a battery's holder."""
-
-
-def test_pins_at_the_ends_of_a_board_are_touched_beside_the_places() -> None:
-    """No pad is near the corners of glasgow's lower side: three of its pins were never tested."""
-    offered = surface_points(_by_cad(*_points("pad", *PLACES), *HOLES))
-    chosen = choose_places(offered, BOARD, 12, "job")
-    assert not any(point.kind == "pin" for point in chosen)
-    farther = farther_out(offered, chosen)
-    touched = np.array([point.place_um for point in (*chosen, *farther)])
-    assert beyond_um([p.place_um for p in HOLES], touched).max() <= EXTRAPOLATED_UM
-    assert set(farther) == set(HOLES[1:]), "the one between them lies no farther out"
-
-
-def test_pins_within_what_the_places_cover_are_left_alone_and_of_many_only_some_are_touched() -> None:
-    near = SurfacePoints((), _points("pad", *PLACES), _points("pin", (9_000.0, 9_000.0), (31_000.0, 9_000.0)))
-    assert farther_out(near, near.pads) == []
-    wide = _points("pin", *((10.0**5 * x, 10.0**5 * y) for x in range(-3, 4) for y in (-3, 3)))
-    assert len(farther_out(SurfacePoints((), near.pads, wide), near.pads)) == FARTHER_OUT
-    assert farther_out(SurfacePoints(near.pads), near.pads) == []
-
-
-@pytest.fixture
-def with_holes(tmp_path: Path) -> World:
-    return _world(tmp_path, _by_cad(*_points("pad", *PLACES), *HOLES).model_copy(update=BOARD_SIZE))
-
-
-BOARD_SIZE = {"width_um": 70_000.0, "height_um": 50_000.0}
-
-
-def _robot_um(point: BoardPoint) -> tuple[float, float]:
-    return 60_000.0 + point.x_um, 40_000.0 + point.y_um
-
-
-async def test_the_surface_at_such_pins_is_measured(with_holes: World) -> None:
-    with_holes.height_um = _tilted
-    ran = await _measure(with_holes)
-    assert ran.got.detail["places"] == 14
-    for hole in HOLES:
-        assert with_holes.geometry.measured_um(_robot_um(hole)) == pytest.approx(_tilted(*_robot_um(hole)), abs=0.5)
-
-
-async def test_a_pin_with_a_dome_of_solder_costs_no_plane(with_holes: World) -> None:
-    dome = _robot_um(HOLES[1])
-    with_holes.height_um = lambda x, y: _tilted(x, y) + (180.0 if dist((x, y), dome) < 500.0 else 0.0)
-    ran = await _measure(with_holes)
-    assert ran.got.detail["places"] == 13, "the other pin counts"
-    assert _record(with_holes).flatness_um == pytest.approx(0.0, abs=0.5)
-    assert len(_record(with_holes).touches) == len(_record(with_holes).residuals_um) == 13
-    assert with_holes.geometry.measured_um(dome) is None
-
-
-async def test_a_pin_before_whose_ground_no_needle_is_seen_costs_no_plane_either(with_holes: World) -> None:
-    with_holes.height_um = _tilted
-    hidden = HOLES[2]
-    aside = [with_holes.geometry.position_over(hidden.place_um, deg) for deg in (0.0, 90.0, 180.0, 270.0)]
-
-    def busy_ground(look: LookResult) -> LookResult:
-        at = look.position
-        here = any(dist((at.x_um, at.y_um), (one.x_um, one.y_um)) < 1.0 for one in aside)
-        return replace(look, tip=NotFound(Reason.NO_NEEDLE, "a busy ground")) if here else look
-
-    with_holes.station.always = busy_ground
-    ran = await _measure(with_holes)
-    assert ran.got.detail["places"] == 13
-    assert with_holes.geometry.measured_um(_robot_um(hidden)) is None
-    assert with_holes.gantry.reported.z_um == with_holes.context.gantry.safe_z_um
